@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from gen.robot.value_reader import escaped
+from gen.robot.value_reader import escape_control_characters
 
 EXAMPLES = """examples:
   python -m gen build                          the preset `paper` into build/
@@ -18,7 +18,7 @@ EXAMPLES = """examples:
   python -m gen check my_arm.toml"""
 
 
-TRACEBACK = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
+TRACEBACK_VARIABLE = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -34,31 +34,35 @@ def main(arguments: list[str] | None = None) -> int:
     """
     try:
         try:
-            return _run(_parser().parse_args(arguments))
+            return _run_command(_make_parser().parse_args(arguments))
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, where a full device or a closed pipe can still be told
     except KeyboardInterrupt:
-        return _ended(130, "interrupted; nothing was left behind.")
+        return _end_with_code(130, "interrupted; nothing was left behind.")
     except BrokenPipeError:
-        return _ended(141, "")
+        return _end_with_code(141, "")
     except OSError as error:
         place = error.filename or "standard output"
-        return _ended(2, f"{place}: cannot be used ({error.strerror or error}); make room, or choose another place.")
+        return _end_with_code(
+            2, f"{place}: cannot be used ({error.strerror or error}); make room, or choose another place."
+        )
     except Exception as error:
-        if os.environ.get(TRACEBACK):
+        if os.environ.get(TRACEBACK_VARIABLE):
             raise
         found = f"{type(error).__name__}: {(str(error).splitlines() or [''])[0][:300]}"
-        return _ended(
-            4, f"gen met an error that it did not foresee ({found}); {TRACEBACK}=1 in the environment shows where."
+        return _end_with_code(
+            4,
+            f"gen met an error that it did not foresee ({found}); {TRACEBACK_VARIABLE}=1 in the environment shows"
+            " where.",
         )
 
 
-def _ended(code: int, sentence: str) -> int:
+def _end_with_code(code: int, sentence: str) -> int:
     """Print why a command ends; output that standard output does not take is thrown away."""
     if sentence:
         with suppress(OSError, ValueError):
-            print(escaped(sentence), file=sys.stderr, flush=True)
+            print(escape_control_characters(sentence), file=sys.stderr, flush=True)
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -68,7 +72,7 @@ def _ended(code: int, sentence: str) -> int:
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
+def _make_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
     parser = argparse.ArgumentParser(
         prog="python -m gen",
@@ -108,12 +112,12 @@ def _parser() -> argparse.ArgumentParser:
     timed.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     timed.add_argument("--rounds", type=int, default=60, help="turns of every contestant (default: 60)")
     timed.add_argument("--out", type=Path, default=Path("build"))
-    _add_described(commands)
+    _add_describe_and_mend(commands)
     _add_truth(commands)
     return parser
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run_command(options: argparse.Namespace) -> int:
     """Run a command; problems that it foresees go to standard error."""
     from gen.builder.build import BuildError
     from gen.builder.compiler import CompileError
@@ -121,24 +125,30 @@ def _run(options: argparse.Namespace) -> int:
     from gen.robot.description import RobotError
 
     try:
-        runs = {"build": _build, "list": _list, "describe": _describe, "check": _check, "mend": _mend}
-        return (runs | {"time": _time, "truth": _truth})[options.command](options)
+        runs = {
+            "build": _build_robot,
+            "list": _list_builds,
+            "describe": _describe_robot,
+            "check": _check_robot,
+            "mend": _print_remedy,
+        }
+        return (runs | {"time": _time_functions, "truth": _solve_problems})[options.command](options)
     except RobotError as error:
         for problem in error.problems:
-            print(escaped(problem), file=sys.stderr)
+            print(escape_control_characters(problem), file=sys.stderr)
         return 2
     except (BuildError, CompileError, StructureError) as error:
-        print("\n".join(escaped(line) for line in str(error).split("\n")), file=sys.stderr)
+        print("\n".join(escape_control_characters(line) for line in str(error).split("\n")), file=sys.stderr)
         return 2
 
 
-def _time(options: argparse.Namespace) -> int:
-    from gen.builder.function_timing import command
+def _time_functions(options: argparse.Namespace) -> int:
+    from gen.builder.function_timing import run_timing
 
-    return command(options)
+    return run_timing(options)
 
 
-def _effects(options: argparse.Namespace) -> tuple[str, ...]:
+def _read_effect_names(options: argparse.Namespace) -> tuple[str, ...]:
     names = {name.strip() for name in options.effects.split(",") if name.strip()}
     if "all" in names:  # but not the effect that changes the drive itself
         from gen.effects import ALL
@@ -147,12 +157,12 @@ def _effects(options: argparse.Namespace) -> tuple[str, ...]:
     return tuple(sorted(names))
 
 
-def _build(options: argparse.Namespace) -> int:
-    from gen.builder.build import build
-    from gen.mpc.problem_structure import parse
+def _build_robot(options: argparse.Namespace) -> int:
+    from gen.builder.build import build_robot
+    from gen.mpc.problem_structure import parse_structure
 
-    structure = parse(options.mpc)
-    folder, made = build(options.robot, options.profile, options.out, _effects(options), structure)
+    structure = parse_structure(options.mpc)
+    folder, made = build_robot(options.robot, options.profile, options.out, _read_effect_names(options), structure)
     outcome = "unchanged"
     if made:
         outcome = "built"
@@ -161,7 +171,7 @@ def _build(options: argparse.Namespace) -> int:
     return 0
 
 
-def _add_described(commands: Any) -> None:
+def _add_describe_and_mend(commands: Any) -> None:
     described = commands.add_parser("describe", help="print a robot's description, complete and checked, as JSON")
     described.add_argument("robot", help="a preset or a robot.toml")
     mended = commands.add_parser("mend", help="print the step and the smoothing that carry a robot, as JSON")
@@ -176,30 +186,30 @@ def _add_truth(commands: Any) -> None:
     truth.add_argument("--mpc", required=True, help="the controller's structure: nodes=20,walls=2,space=tip")
 
 
-def _truth(options: argparse.Namespace) -> int:
+def _solve_problems(options: argparse.Namespace) -> int:
     import json
 
-    from gen.builder.build import BuildError, assembled
-    from gen.mpc.ipopt_solution import truth
-    from gen.mpc.problem_structure import StructureError, parse
+    from gen.builder.build import BuildError, assemble_library
+    from gen.mpc.ipopt_solution import solve_problem
+    from gen.mpc.problem_structure import StructureError, parse_structure
     from gen.robot.load_robot import load
 
-    structure = parse(options.mpc)
+    structure = parse_structure(options.mpc)
     if structure is None:
         raise StructureError("--mpc: give the controller's structure, as in nodes=20,walls=2,space=tip.")
     try:
         problems = json.load(sys.stdin)
     except (ValueError, RecursionError) as error:
         raise BuildError(f"standard input is no JSON ({error}); `hdagen mpc reference` gives it.") from None
-    made, _, _ = assembled(options.robot, load(options.robot), ())
-    print(json.dumps([truth(made, structure, problem) for problem in problems]))
+    made, _, _ = assemble_library(options.robot, load(options.robot), ())
+    print(json.dumps([solve_problem(made, structure, problem) for problem in problems]))
     return 0
 
 
-def _list(options: argparse.Namespace) -> int:
-    from gen.builder.build import listing
+def _list_builds(options: argparse.Namespace) -> int:
+    from gen.builder.build import list_builds
 
-    rows = list(listing(options.out))
+    rows = list(list_builds(options.out))
     for name, contents, whole in rows:
         advice = "; `python -m gen build` makes it again"
         if whole:
@@ -210,31 +220,31 @@ def _list(options: argparse.Namespace) -> int:
     return 0
 
 
-def _describe(options: argparse.Namespace) -> int:
+def _describe_robot(options: argparse.Namespace) -> int:
     import json
 
-    from gen.robot.description import canonical
+    from gen.robot.description import describe_robot
     from gen.robot.load_robot import load
 
-    print(json.dumps(canonical(load(options.robot))))
+    print(json.dumps(describe_robot(load(options.robot))))
     return 0
 
 
-def _mend(options: argparse.Namespace) -> int:
+def _print_remedy(options: argparse.Namespace) -> int:
     import json
 
-    from gen.builder.build import assembled
+    from gen.builder.build import assemble_library
     from gen.robot.load_robot import load
 
-    step, widths = assembled(options.robot, load(options.robot), ())[2].mended()
+    step, widths = assemble_library(options.robot, load(options.robot), ())[2].find_remedy()
     print(json.dumps({"step": step, "friction_smoothing": widths}))
     return 0
 
 
-def _check(options: argparse.Namespace) -> int:
-    from gen.builder.robot_check import report
+def _check_robot(options: argparse.Namespace) -> int:
+    from gen.builder.robot_check import report_robot
 
-    lines, fits = report(options.robot, _effects(options), options.profile, options.out)
+    lines, fits = report_robot(options.robot, _read_effect_names(options), options.profile, options.out)
     for line in lines:
         print(line)
     if not fits:

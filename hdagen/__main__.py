@@ -14,8 +14,8 @@ from typing import NoReturn
 from hdagen.support.version import __version__
 
 COMMANDS = ("demo", "simulate", "replay", "diagnose", "adopt", "excite", "mpc", "bench", "blind", "paper")
-DONE, BAR_MISSED, USAGE, UNUSABLE, UNFORESEEN, INTERRUPTED, UNREAD = 0, 1, 2, 3, 4, 130, 141
-TRACEBACK = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
+DONE, BAR_MISSED, USAGE, UNUSABLE, UNFORESEEN_ERROR, INTERRUPTED, OUTPUT_CLOSED = 0, 1, 2, 3, 4, 130, 141
+TRACEBACK_VARIABLE = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
 
 
 class Parser(argparse.ArgumentParser):
@@ -23,19 +23,21 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print usage and the message; exit code 2."""
-        from hdagen.support.messages import printable
+        from hdagen.support.messages import make_printable
 
-        super().error(printable(message))
+        super().error(make_printable(message))
 
 
-def parser() -> argparse.ArgumentParser:
+def build_parser() -> argparse.ArgumentParser:
     """Build the parser, with the arguments of every command."""
     top = Parser(
         prog="hdagen",
         description="Robot arms with harmonic drives: a compiled model that simulates, controls and replays logs.",
-        epilog="exit codes: 0 done, 1 a stated bar failed, 2 usage, configuration or no place to write, 3 data "
-        f"unusable, 4 an error that hdagen did not foresee ({TRACEBACK}=1 shows where), 130 interrupted, 141 nobody "
-        "reads what is printed",
+        epilog=(
+            "exit codes: 0 done, 1 a stated bar failed, 2 usage, configuration or no place to write, 3 data unusable,"
+            f" 4 an error that hdagen did not foresee ({TRACEBACK_VARIABLE}=1 shows where), 130 interrupted, 141 nobody"
+            " reads what is printed"
+        ),
     )
     top.add_argument("--version", action="version", version=f"hdagen {__version__}")
     commands = top.add_subparsers(dest="command", required=True, metavar=" | ".join(COMMANDS))
@@ -56,32 +58,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     try:
         try:
-            return _run(arguments)
+            return _run_command(arguments)
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, where an error of a full device or a closed pipe can still be reported
     except KeyboardInterrupt:
-        return _ended(INTERRUPTED, "interrupted; what was finished is whole, nothing is half-written.")
+        return _end_command(INTERRUPTED, "interrupted; what was finished is whole, nothing is half-written.")
     except BrokenPipeError:
-        return _ended(UNREAD, "")
+        return _end_command(OUTPUT_CLOSED, "")
     except OSError as error:
-        return _ended(USAGE, _told(error))
+        return _end_command(USAGE, _explain_os_error(error))
     except MemoryError:
-        return _ended(UNUSABLE, "there is not enough memory; give a shorter log, or fewer machines at a time.")
+        return _end_command(UNUSABLE, "there is not enough memory; give a shorter log, or fewer machines at a time.")
     except Exception as error:
-        if os.environ.get(TRACEBACK):
+        if os.environ.get(TRACEBACK_VARIABLE):
             raise
         first = (str(error).splitlines() or [""])[0][:300]
-        return _ended(
-            UNFORESEEN,
-            f"hdagen met an error that it did not foresee ({type(error).__name__}: {first}); {TRACEBACK}=1 in the "
-            "environment shows where, which a report of it needs.",
+        return _end_command(
+            UNFORESEEN_ERROR,
+            f"hdagen met an error that it did not foresee ({type(error).__name__}: {first}); {TRACEBACK_VARIABLE}=1 in"
+            " the environment shows where, which a report of it needs.",
         )
 
 
-def _run(arguments: Sequence[str] | None) -> int:
+def _run_command(arguments: Sequence[str] | None) -> int:
     """Run a command; errors that it foresees go to standard error."""
-    options = parser().parse_args(arguments)
+    options = build_parser().parse_args(arguments)
     from hdagen.arm.build_loader import PlantError
     from hdagen.log.column_map import ColumnsError
     from hdagen.log.data_table import LogError
@@ -98,7 +100,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         return UNUSABLE
 
 
-def _told(error: OSError) -> str:
+def _explain_os_error(error: OSError) -> str:
     """One sentence on an error of the system, with a cure."""
     place = "standard output"
     if error.filename is not None:
@@ -113,14 +115,14 @@ def _told(error: OSError) -> str:
     return f"{place}: cannot be used ({why}); check that it is there and what you may do with it."
 
 
-def _ended(code: int, sentence: str) -> int:
+def _end_command(code: int, sentence: str) -> int:
     """Say why a command ends. Text that standard output does not take is thrown away: the interpreter would write it
     once more at its end, and complain."""
     with suppress(OSError, ValueError):
         if sentence:
-            from hdagen.support.messages import printable
+            from hdagen.support.messages import make_printable
 
-            print(printable(sentence), file=sys.stderr, flush=True)
+            print(make_printable(sentence), file=sys.stderr, flush=True)
     try:
         if sys.stdout is not None:
             sys.stdout.flush()

@@ -14,7 +14,7 @@ import pytest
 from compiled import Compiled, load
 from replayed import FLEXIBLE, simulated
 
-from gen.builder.build import build as make
+from gen.builder.build import build_robot as make
 from hdagen.arm.compiled_arm import Arm
 from hdagen.log.measured_log import Log
 from hdagen.paper.prototype.virtual_prototype import ROBOT, TABLE_1, Bench

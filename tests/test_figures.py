@@ -11,33 +11,33 @@ from typing import Any
 import pytest
 
 from hdagen.bench import measured_tables, published_figures
-from hdagen.bench.benchmark import Bar
+from hdagen.bench.benchmark import BenchRequirement
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = published_figures.documents(ROOT)
+DOCUMENTS = published_figures.list_documents(ROOT)
 
 
 @pytest.fixture(scope="module")
 def found() -> dict[str, Any]:
-    return published_figures.read(ROOT)
+    return published_figures.read_sources(ROOT)
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_a_document_is_what_the_last_runs_make_it(path: Path, found: dict[str, Any]) -> None:
     text = path.read_text(encoding="utf-8")
-    assert published_figures.updated(text, found) == text, (
+    assert published_figures.update_tables(text, found) == text, (
         "call `python -m hdagen.bench.published_figures` in the project's folder"
     )
 
 
 def test_every_table_stands_somewhere() -> None:
     text = "".join(path.read_text(encoding="utf-8") for path in DOCUMENTS)
-    assert [name for name in published_figures.TABLES if f"<!-- {name}: begin -->" not in text] == []
+    assert [name for name in published_figures.DOCUMENT_TABLES if f"<!-- {name}: begin -->" not in text] == []
 
 
 def test_the_bars_of_the_last_run_are_those_of_today(found: dict[str, Any]) -> None:
     asked = tomllib.loads((resources.files("hdagen") / "bars.toml").read_text())
-    bars = {bar["name"]: Bar(**bar) for bar in found["bench"]["bars"]}
+    bars = {bar["name"]: BenchRequirement(**bar) for bar in found["bench"]["bars"]}
     assert {name: (bar.bar, bar.bound, bar.unit) for name, bar in bars.items()} == {
         name: (entry["bar"], entry["bound"], entry["unit"]) for name, entry in asked.items()
     }, "call `hdagen bench --json > docs/bench.json`, then `python -m hdagen.bench.published_figures`"
@@ -50,12 +50,16 @@ def test_a_missed_bar_stands_there_as_missed(found: dict[str, Any]) -> None:
     changed = copy.deepcopy(found)
     (bar,) = (bar for bar in changed["bench"]["bars"] if bar["name"] == "python_call_over_empty_call")
     bar |= {"bar": 150.0, "reached": 165.0, "met": False}
-    for table in (measured_tables.reached, measured_tables.bench):
+    for table in (measured_tables.build_reached_table, measured_tables.build_bench_tables):
         (line,) = (line for line in table(changed).splitlines() if "165" in line)
         assert "at most 150 ns" in line
         assert "**missed by 10 %**" in line
     bar |= {"reached": 140.0, "met": True}
-    (line,) = (line for line in measured_tables.bench(changed).splitlines() if "python_call_over_empty_call" in line)
+    (line,) = (
+        line
+        for line in measured_tables.build_bench_tables(changed).splitlines()
+        if "python_call_over_empty_call" in line
+    )
     assert "missed" not in line
 
 
@@ -77,27 +81,29 @@ def test_a_real_machine_s_page_says_what_is_there_and_what_remains(found: dict[s
     changed = dict(found) | {
         "real": {"cases": [case, case | {"page": "bam", "verdict": [], "named": False}], "bars": []}
     }
-    *_, line = published_figures.TABLES["real emps"](changed).splitlines()
+    *_, line = published_figures.DOCUMENT_TABLES["real emps"](changed).splitlines()
     assert line == (
         "| a slide | coulomb_friction@1 | `coulomb_friction@1` (20.9 ± 0.7 N m) | `unknown@1` | no "
         "| 1634 | 157 | 12.3 | 91 % |"
     )
-    *_, line = published_figures.TABLES["real bam"](changed).splitlines()
+    *_, line = published_figures.DOCUMENT_TABLES["real bam"](changed).splitlines()
     assert line.startswith("| a slide | coulomb_friction@1: **missed** | nothing named |  | no |")
 
 
 def test_a_figure_says_where_and_when_it_was_measured(found: dict[str, Any]) -> None:
     changed = copy.deepcopy(found)
     changed["bench"]["machine"] |= {"date": "2031-02-03", "load": "0.1"}
-    assert "2031-02-03" in measured_tables.reached(changed) and ", idle;" in measured_tables.reached(changed)
+    assert "2031-02-03" in measured_tables.build_reached_table(
+        changed
+    ) and ", idle;" in measured_tables.build_reached_table(changed)
     changed["bench"]["machine"]["load"] = "7.3"
-    assert "7.3 other programs" in measured_tables.reached(changed)
+    assert "7.3 other programs" in measured_tables.build_reached_table(changed)
 
 
 def test_a_marker_alone_is_refused(found: dict[str, Any]) -> None:
-    assert published_figures.updated("no marker", found) == "no marker"
+    assert published_figures.update_tables("no marker", found) == "no marker"
     with pytest.raises(ValueError, match="stand in this order"):
-        published_figures.updated("<!-- blind: begin -->\nand the rest of the document", found)
+        published_figures.update_tables("<!-- blind: begin -->\nand the rest of the document", found)
 
 
 def test_the_command_prints_what_it_changed(

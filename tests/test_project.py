@@ -17,9 +17,9 @@ import pytest
 from compiled import Compiled
 
 import hdagen
-from gen.builder.effects_table import table
+from gen.builder.effects_table import make_effects_table
 from gen.effects import ALL
-from hdagen.blind.label_seal import seed_hash
+from hdagen.blind.label_seal import hash_seed
 from hdagen.diagnosis.decision import calibration
 
 ROOT = Path(__file__).parent.parent
@@ -159,7 +159,9 @@ def test_ci_leaves_an_active_environment_of_another_python_alone(tmp_path: Path)
 
 def test_the_table_of_effects_is_current() -> None:
     found = re.findall(r"^<!-- effects: begin -->\n(.*)^<!-- effects: end -->$", README, re.MULTILINE | re.DOTALL)
-    assert found == [table()], "put what `python -m gen.builder.effects_table` prints between the README's two markers"
+    assert found == [make_effects_table()], (
+        "put what `python -m gen.builder.effects_table` prints between the README's two markers"
+    )
 
 
 def test_no_check_was_made_on_a_seed_of_the_calibration() -> None:
@@ -167,13 +169,13 @@ def test_no_check_was_made_on_a_seed_of_the_calibration() -> None:
     checks = [check for kind in kinds.values() for check in kind["checks"]]
     assert {check["seed_hash"] for check in checks}.isdisjoint(calibration.read().seeds)
     for check in checks:
-        assert seed_hash(check["seed"]) == check["seed_hash"]
+        assert hash_seed(check["seed"]) == check["seed_hash"]
     for kind in kinds.values():
         assert kind["cases"] == sum(check["cases"] for check in kind["checks"]) == kind["summary"]["failed"]["count"]
 
 
 def test_the_table_has_a_row_of_full_cells_for_every_effect() -> None:
-    rows = [row for row in table().splitlines() if row.startswith("| `")]
+    rows = [row for row in make_effects_table().splitlines() if row.startswith("| `")]
     assert sorted(row.split("`")[1] for row in rows) == sorted(effect.name for effect in ALL)
     for row in rows:
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]]

@@ -18,30 +18,37 @@ from typing import TYPE_CHECKING, Any
 
 from gen.builder import compiler, object_cache
 from gen.builder.ownership import find_other_writer
-from gen.mpc.problem_structure import Structure, StructureError, fitting
-from gen.presets import presets
-from gen.robot.consistency_checks import slug
+from gen.mpc.problem_structure import Structure, StructureError, check_memory
+from gen.presets import find_presets
+from gen.robot.consistency_checks import make_slug
 from gen.robot.description import Robot, RobotError
-from gen.robot.load_robot import labelled, load
+from gen.robot.load_robot import label_source, load
 from gen.robot.robot_text import parse_robot, read_robot
-from gen.robot.value_reader import named, nearest
+from gen.robot.value_reader import quote_key, suggest_nearest
 
 if TYPE_CHECKING:
-    from gen.builder.step_stability import Examination
+    from gen.builder.step_stability import StepExamination
     from gen.effects.effect import Effect
     from gen.model.function_library import Library
 
-HERE = Path(__file__).parents[1]
-OBJECTS = ".objects"  # beside the builds: compiled objects that robots of the same structure share
-PART = ".part-"  # begins the names of folders that are being made or thrown away
-DAMAGE = (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError)  # of a manifest that is not ours
+PACKAGE_FOLDER = Path(__file__).parents[1]
+OBJECT_FOLDER = ".objects"  # beside the builds: compiled objects that robots of the same structure share
+PARTIAL_BUILD_PREFIX = ".part-"  # begins the names of folders that are being made or thrown away
+MANIFEST_ERRORS = (
+    OSError,
+    ValueError,
+    KeyError,
+    AttributeError,
+    TypeError,
+    RecursionError,
+)  # of a manifest that is not ours
 
 
 class BuildError(Exception):
     """A build that cannot be made or kept; one sentence."""
 
 
-def key(robot: bytes, profile: str, extra: tuple[str, ...], mpc: Structure | None = None) -> str:
+def hash_build(robot: bytes, profile: str, extra: tuple[str, ...], mpc: Structure | None = None) -> str:
     """Name a build by everything that decides its content.
 
     Args:
@@ -59,23 +66,23 @@ def key(robot: bytes, profile: str, extra: tuple[str, ...], mpc: Structure | Non
 
     """
     digest = hashlib.sha256()
-    parts = [robot, profile.encode(), " ".join(extra).encode(), " ".join(compiler.flags(profile)).encode()]
-    parts += [compiler.find().version.encode(), sys.platform.encode(), platform.machine().encode()]
-    parts += [_version("casadi").encode(), _version("numpy").encode()]
+    parts = [robot, profile.encode(), " ".join(extra).encode(), " ".join(compiler.compiler_flags(profile)).encode()]
+    parts += [compiler.find_compiler().version.encode(), sys.platform.encode(), platform.machine().encode()]
+    parts += [_find_version("casadi").encode(), _find_version("numpy").encode()]
     processor = b""
     if profile == "native":
         processor = " ".join(compiler.cpu_flags()).encode()
     parts.append(processor)
     if mpc:
-        parts += [mpc.text.encode(), _version("osqp").encode()]
-    for part in (*parts, *_sources(HERE)):
+        parts += [mpc.text.encode(), _find_version("osqp").encode()]
+    for part in (*parts, *_read_own_files(PACKAGE_FOLDER)):
         digest.update(len(part).to_bytes(8, "little"))
         digest.update(part)
     return digest.hexdigest()[:16]
 
 
 @cache
-def _sources(folder: Path) -> tuple[bytes, ...]:
+def _read_own_files(folder: Path) -> tuple[bytes, ...]:
     """Names and contents of gen's own files; read once, for the process goes on with the code that it began with."""
     parts = []
     for path in sorted(folder.rglob("*")):
@@ -85,7 +92,7 @@ def _sources(folder: Path) -> tuple[bytes, ...]:
     return tuple(parts)
 
 
-def _version(package: str) -> str:
+def _find_version(package: str) -> str:
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -94,7 +101,7 @@ def _version(package: str) -> str:
         ) from None
 
 
-def place(
+def locate_build(
     source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
 ) -> tuple[Path, str, bytes]:
     """Find the place of a build.
@@ -115,16 +122,16 @@ def place(
         BuildError: A package that a build needs is missing.
 
     """
-    label = labelled(source)
-    content = read_robot(presets().get(source, Path(source)), label)
+    label = label_source(source)
+    content = read_robot(find_presets().get(source, Path(source)), label)
     stated = parse_robot(content, label).get("name")
     if not isinstance(stated, str):
         stated = "arm"
-    name = key(content, profile, extra, mpc)
-    return out / f"{slug(stated)}-{name}", name, content
+    name = hash_build(content, profile, extra, mpc)
+    return out / f"{make_slug(stated)}-{name}", name, content
 
 
-def build(
+def build_robot(
     source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
 ) -> tuple[Path, bool]:
     """Build a robot.
@@ -149,29 +156,29 @@ def build(
 
     """
     extra = tuple(sorted(set(extra)))
-    folder, name, content = place(source, profile, out, extra, mpc)
-    if intact(folder, name):
+    folder, name, content = locate_build(source, profile, out, extra, mpc)
+    if is_intact(folder, name):
         return folder, False
-    made, effects, examined = assembled(source, load(source), extra)
+    made, effects, examined = assemble_library(source, load(source), extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
     try:
         if mpc:
-            fitting(mpc, made.graphs.model.n, 2 * made.graphs.model.n + 2 * len(made.graphs.model.flexible))
+            check_memory(mpc, made.graphs.model.n, 2 * made.graphs.model.n + 2 * len(made.graphs.model.flexible))
     except StructureError as error:
         raise BuildError(str(error)) from None
-    if place(source, profile, out, extra, mpc)[2] != content:
+    if locate_build(source, profile, out, extra, mpc)[2] != content:
         raise BuildError(f"{source}: the file changed while it was read; build again.")
     try:
         out.mkdir(mode=0o755, parents=True, exist_ok=True)
-        with _lock(out / ".lock"):
-            if intact(folder, name):  # another process made it meanwhile
+        with _lock_folder(out / ".lock"):
+            if is_intact(folder, name):  # another process made it meanwhile
                 return folder, False
             print(f"building {made.graphs.model.robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
-            for stale in out.glob(f".*{PART}*"):  # left by a build that was killed; the lock is ours
-                _discard(stale)
-            object_cache.discard_parts(out / OBJECTS)
-            _make(made, effects, profile, folder, name, mpc)
+            for stale in out.glob(f".*{PARTIAL_BUILD_PREFIX}*"):  # left by a build that was killed; the lock is ours
+                _remove_tree(stale)
+            object_cache.discard_parts(out / OBJECT_FOLDER)
+            _write_build(made, effects, profile, folder, name, mpc)
     except OSError as error:
         why = error.strerror or error
         raise BuildError(
@@ -181,7 +188,9 @@ def build(
     return folder, True
 
 
-def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Library, tuple[Effect, ...], Examination]:
+def assemble_library(
+    source: str, robot: Robot, extra: tuple[str, ...]
+) -> tuple[Library, tuple[Effect, ...], StepExamination]:
     """Assemble everything that a build emits.
 
     Args:
@@ -201,29 +210,29 @@ def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Librar
     from gen.builder import step_stability  # casadi, which an intact build does not need
     from gen.effects import ALL, NOMINAL
     from gen.model.arm_model import Model
-    from gen.model.function_library import library
-    from gen.robot.flexible_drive import compliant, springs
+    from gen.model.function_library import make_library
+    from gen.robot.flexible_drive import add_springs, split_spring_effects
 
-    sprung, extra = springs(extra, len(robot.joints))
+    sprung, extra = split_spring_effects(extra, len(robot.joints))
     unknown = set(extra) - {effect.name for effect in ALL}
     if unknown:
         names = [effect.name for effect in ALL]
-        found = ", ".join(f"{named(name)}{nearest(name, names)}" for name in sorted(unknown))
+        found = ", ".join(f"{quote_key(name)}{suggest_nearest(name, names)}" for name in sorted(unknown))
         raise BuildError(f"--effects: found {found}, possible are {', '.join(names)}; choose of these.")
     wanted = {stated.name for stated in robot.effects} | set(extra)
-    robot = compliant(robot, sprung)
+    robot = add_springs(robot, sprung)
     chosen = tuple(e for e in ALL if e in NOMINAL or e.name in wanted)
     try:
-        applies = Model(robot, NOMINAL).applies
+        applies = Model(robot, NOMINAL).joints_of_effect
         effects = tuple(e for e in chosen if e in NOMINAL or applies(e))
-        made = library(Model(robot, effects))
-        examined = step_stability.examine(made.graphs)
+        made = make_library(Model(robot, effects))
+        examined = step_stability.examine_step(made.graphs)
     except ValueError as error:
         raise RobotError([f"{source}, joint: {error}."]) from None
     return made, effects, examined
 
 
-def _make(
+def _write_build(
     made: Library, effects: tuple[Effect, ...], profile: str, folder: Path, name: str, mpc: Structure | None
 ) -> None:
     """Make the folder beside its place and move it there; the lock is held."""
@@ -232,43 +241,43 @@ def _make(
     library = f"hda_{name}.so"
     how: dict[str, Any] = {
         "profile": profile,
-        "compiler": compiler.find().version,
-        "flags": compiler.flags(profile),
+        "compiler": compiler.find_compiler().version,
+        "flags": compiler.compiler_flags(profile),
         "cpu": (),
         "library": library,
     }
     if profile == "native":
         how["cpu"] = compiler.cpu_flags()
-    files = build_files.texts(made, effects, name, how, profile == "native", mpc)
-    part = folder.with_name(f".{folder.name}{PART}{os.getpid()}")
+    files = build_files.make_files(made, effects, name, how, profile == "native", mpc)
+    part = folder.with_name(f".{folder.name}{PARTIAL_BUILD_PREFIX}{os.getpid()}")
     aside = part.with_name(f"{part.name}-old")
     try:
         part.mkdir(mode=0o755)
         for file, text in files.items():
             (part / file).write_text(text, encoding="utf-8", newline="\n")
         compiled = sorted(f for f in files if f.endswith(".c") and not f.startswith("example"))
-        kept: Path | None = folder.parent / OBJECTS
-        if find_other_writer(folder.parent / OBJECTS):
+        kept: Path | None = folder.parent / OBJECT_FOLDER
+        if find_other_writer(folder.parent / OBJECT_FOLDER):
             kept = None
-        compiler.library(part, compiled, profile, library, kept)
+        compiler.compile_library(part, compiled, profile, library, kept)
         manifest = json.loads(files["manifest.json"])
-        manifest["files"] = {f.name: _hash(f) for f in sorted(part.iterdir()) if f.name != "manifest.json"}
-        manifest["seal"] = seal(manifest)
+        manifest["files"] = {f.name: _hash_file(f) for f in sorted(part.iterdir()) if f.name != "manifest.json"}
+        manifest["seal"] = hash_manifest(manifest)
         (part / "manifest.json").write_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n")
         for path in part.iterdir():
             path.chmod(path.stat().st_mode & ~0o022)  # whatever the umask: files that others may write are not loaded
-            _sync(path)
-        _sync(part)
+            _sync_to_disk(path)
+        _sync_to_disk(part)
         if os.path.lexists(folder):
             folder.rename(aside)  # a library that is loaded from it stays mapped and whole
         part.rename(folder)
-        _sync(folder.parent)
+        _sync_to_disk(folder.parent)
     finally:
-        _discard(part)
-        _discard(aside)
+        _remove_tree(part)
+        _remove_tree(aside)
 
 
-def seal(manifest: dict[str, Any]) -> str:
+def hash_manifest(manifest: dict[str, Any]) -> str:
     """Hash a manifest: against damage, not against someone who may write in the folder.
 
     Args:
@@ -282,12 +291,12 @@ def seal(manifest: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
-def intact(folder: Path, name: str) -> bool:
+def is_intact(folder: Path, name: str) -> bool:
     """Tell whether a folder is a complete build with every file as it was written, by nobody else.
 
     Args:
         folder: The folder.
-        name: The hash of the build (`key`).
+        name: The hash of the build (`hash_build`).
 
     Returns:
         True where it is; a folder that cannot be read counts as damaged.
@@ -303,14 +312,14 @@ def intact(folder: Path, name: str) -> bool:
             ours
             and plain
             and not shared
-            and manifest["seal"] == seal(manifest)
-            and all(_hash(folder / f) == h for f, h in files.items())
+            and manifest["seal"] == hash_manifest(manifest)
+            and all(_hash_file(folder / f) == h for f, h in files.items())
         )
-    except DAMAGE:
+    except MANIFEST_ERRORS:
         return False
 
 
-def listing(out: Path) -> Iterator[tuple[str, str, bool]]:
+def list_builds(out: Path) -> Iterator[tuple[str, str, bool]]:
     """List the builds in a folder.
 
     Args:
@@ -324,7 +333,7 @@ def listing(out: Path) -> Iterator[tuple[str, str, bool]]:
         return
     for folder in sorted(out.iterdir()):
         if folder.is_dir() and not folder.name.startswith("."):
-            whole = intact(folder, folder.name.rpartition("-")[2])
+            whole = is_intact(folder, folder.name.rpartition("-")[2])
             content = "not a complete build"
             if whole:
                 m = json.loads((folder / "manifest.json").read_text())
@@ -333,18 +342,18 @@ def listing(out: Path) -> Iterator[tuple[str, str, bool]]:
             yield folder.name, content, whole
 
 
-def _hash(path: Path) -> str:
+def _hash_file(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _discard(path: Path) -> None:
+def _remove_tree(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     elif os.path.lexists(path):
         path.unlink()
 
 
-def _sync(path: Path) -> None:
+def _sync_to_disk(path: Path) -> None:
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -353,7 +362,7 @@ def _sync(path: Path) -> None:
 
 
 @contextmanager
-def _lock(path: Path) -> Iterator[None]:
+def _lock_folder(path: Path) -> Iterator[None]:
     """One build at a time in a folder; the lock ends with the process that holds it."""
     handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
     try:

@@ -9,26 +9,26 @@ from typing import Any
 import casadi as ca
 
 from gen.c_code import headers, vectorized_closed_loop, vectorized_dynamics
-from gen.c_code.emitter import preparation, scalar_function
+from gen.c_code.emitter import emit_preparation, scalar_function
 from gen.effects.effect import Effect
 from gen.model.arm_model import Model
 from gen.model.compliance_laws import Law
-from gen.model.emitted_function import Emitted
+from gen.model.emitted_function import EmittedFunction
 from gen.model.function_library import Library
 from gen.mpc.problem_structure import Structure
-from gen.robot.description import canonical
+from gen.robot.description import describe_robot
 
 INCLUDES = '#include "hda.h"\n\n#include <math.h>\n\n'
 TEMPLATES = resources.files("gen") / "templates"
 
 
-def operations(f: ca.Function) -> int:
+def count_operations(f: ca.Function) -> int:
     """Arithmetic operations of a function, elementary functions counted as one each."""
     moves = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST)
     return sum(f.instruction_id(k) not in moves for k in range(f.n_instructions()))
 
 
-def manifest(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str, Any]) -> dict[str, Any]:
+def make_manifest(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str, Any]) -> dict[str, Any]:
     """Describe the library: order, names, units, bounds, citations, sizes, robot, compiler.
 
     Args:
@@ -45,14 +45,14 @@ def manifest(made: Library, effects: tuple[Effect, ...], build: str, how: dict[s
     return {
         "schema": 1,
         "build": build,
-        "robot": canonical(model.robot),
+        "robot": describe_robot(model.robot),
         "effects": [_describe_effect(model, effect) for effect in effects],
         "state": [vars(slot) for slot in model.x_slots],
         "input": [vars(slot) for slot in model.u_slots],
         "parameters": [vars(q) for q in model.quantities],
         "constants": int(made.graphs.c.numel()),
         "flexible": model.flexible,
-        "stiff": model.stiff,
+        "stiff": model.needs_stiff_step,
         "spring_inverse": vars(model.plan),
         "functions": [_describe_function(function) for function in made.functions],
         "controllers": [_describe_law(law) for law in made.laws],
@@ -64,21 +64,21 @@ def _describe_effect(model: Model, effect: Effect) -> dict[str, Any]:
     return {
         "name": effect.name,
         "place": effect.port.place,
-        "joints": model.applies(effect),
-        "amplitudes": [name for name in effect.amplitudes if _stands(model, name)],
+        "joints": model.joints_of_effect(effect),
+        "amplitudes": [name for name in effect.amplitudes if _has_parameter(model, name)],
         "states": [state.name for state in effect.states],
         "shapes": [parameter.name for parameter in effect.parameters if parameter.name not in effect.amplitudes],
         "citation": effect.citation,
     }
 
 
-def _describe_function(function: Emitted) -> dict[str, Any]:
+def _describe_function(function: EmittedFunction) -> dict[str, Any]:
     return {
         "name": function.name,
         "meaning": function.meaning,
         "inputs": function.inputs,
         "outputs": function.outputs,
-        "operations": operations(function.graph),
+        "operations": count_operations(function.graph),
     }
 
 
@@ -87,12 +87,12 @@ def _describe_law(law: Law) -> dict[str, Any]:
     return {"name": law.name, "gains": gains, "reference": law.reference, "state": law.state}
 
 
-def _stands(model: Model, key: str) -> bool:
+def _has_parameter(model: Model, key: str) -> bool:
     """Whether a joint, or the arm, has a parameter of that name."""
     return any(q.name in (key, f"{key}_{q.joint}") for q in model.quantities)
 
 
-def texts(
+def make_files(
     made: Library,
     effects: tuple[Effect, ...],
     build: str,
@@ -117,37 +117,37 @@ def texts(
     graphs, functions = made.graphs, made.functions
     scalar = list(functions)
     if lanes:
-        in_lanes = {form.name for form in vectorized_dynamics.forms(graphs)}
+        in_lanes = {form.name for form in vectorized_dynamics.list_forms(graphs)}
         scalar = [f for f in functions if f.name not in in_lanes]
     files = {
         file.name: file.read_text(encoding="utf-8")
         for file in TEMPLATES.iterdir()
         if file.name.endswith((".c", ".h", ".txt"))
     }
-    files["hda.h"] = headers.header(functions)
-    files["hda_sizes.h"] = headers.sizes(graphs.model, int(graphs.c.numel()), build, lanes)
-    files["hda_table.h"] = headers.table(functions, mpc is not None)
+    files["hda.h"] = headers.emit_interface(functions)
+    files["hda_sizes.h"] = headers.emit_sizes(graphs.model, int(graphs.c.numel()), build, lanes)
+    files["hda_table.h"] = headers.emit_call_table(functions, mpc is not None)
     if mpc is not None:
-        from gen.mpc.controller_files import files as controller  # osqp, which other builds do not need
+        from gen.mpc.controller_files import make_mpc_files as controller  # osqp, which other builds do not need
 
         added, described = controller(made, mpc, lanes)
         files |= added
         axes = 2 if mpc.space == "tip" else graphs.model.n
         path = max(64, 2 * axes * (mpc.nodes + 1))
-        files["hda_sizes.h"] = headers.sizes(graphs.model, int(graphs.c.numel()), build, lanes, path)
+        files["hda_sizes.h"] = headers.emit_sizes(graphs.model, int(graphs.c.numel()), build, lanes, path)
         how = how | {"mpc": described}
-    files["hda_laws.h"] = headers.laws(made.laws)
-    ticks = {f.name for law in made.laws for f in (law.start, law.tick)}
+    files["hda_laws.h"] = headers.emit_laws(made.laws)
+    ticks = {f.name for law in made.laws for f in (law.start_function, law.tick_function)}
     groups = {  # a file each, so that two compilers share the work
         "hda_laws.c": [f for f in scalar if f.name in ticks],
         "hda_model.c": [f for f in scalar if f.name != "prepare" and f.name not in ticks],
     }
-    files["hda_prepare.c"] = INCLUDES + preparation(graphs.preparation)
+    files["hda_prepare.c"] = INCLUDES + emit_preparation(graphs.preparation)
     for file, group in groups.items():
         files[file] = INCLUDES + "\n".join(scalar_function(f.graph, f.name) for f in group)
     if lanes:
-        files["hda_native.c"] = vectorized_dynamics.functions(graphs)
-        files["hda_batch_rhs.h"] = vectorized_dynamics.batch(graphs)
-        files["hda_loops_laws.h"] = vectorized_closed_loop.header(graphs, made.laws)
-    files["manifest.json"] = json.dumps(manifest(made, effects, build, how), indent=1, sort_keys=True) + "\n"
+        files["hda_native.c"] = vectorized_dynamics.emit_native(graphs)
+        files["hda_batch_rhs.h"] = vectorized_dynamics.emit_batch(graphs)
+        files["hda_loops_laws.h"] = vectorized_closed_loop.emit_loops(graphs, made.laws)
+    files["manifest.json"] = json.dumps(make_manifest(made, effects, build, how), indent=1, sort_keys=True) + "\n"
     return files

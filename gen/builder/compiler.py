@@ -25,16 +25,16 @@ PROFILES = {
     "portable": ("-O2", "-ffp-contract=off"),
     "native": ("-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"),
 }
-PATIENCE = 600.0  # s, that a compiler may take for one file
-COMMON = ("-std=c99", "-g0", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Wpedantic")
-INSTRUCTIONS = """
+COMPILER_TIMEOUT = 600.0  # s, that a compiler may take for one file
+COMMON_FLAGS = ("-std=c99", "-g0", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Wpedantic")
+INSTRUCTION_SETS = """
 ssse3 sse4_1 sse4_2 popcnt abm movbe adx f16c fma fma4 bmi1 bmi2 avx avx2 avx_vnni gfni vaes avx512f avx512cd avx512dq
 avx512bw avx512vl avx512ifma avx512vbmi avx512_vbmi2 avx512_vnni avx512_bitalg avx512_vpopcntdq avx512_bf16 avx512_fp16
 asimd asimdhp asimddp fphp sve sve2
 """  # the sets from which compilers choose under -march=native, as /proc/cpuinfo names them
 
 
-EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)  # not the compiler's fault
+EXHAUSTED_ERRNOS = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)  # not the compiler's fault
 
 
 class CompileError(Exception):
@@ -50,7 +50,7 @@ class Compiler:
 
 
 @cache
-def find() -> Compiler:
+def find_compiler() -> Compiler:
     """Find the C compiler: the one named by $CC, else cc, gcc or clang, else the wheel of the `cc` extra.
 
     Returns:
@@ -66,7 +66,7 @@ def find() -> Compiler:
             command = tuple(shlex.split(named))
         except ValueError as error:
             raise CompileError(f"$CC: found {named}, which is no command ({error}); correct or unset it.") from None
-        version, why = _ask(command)
+        version, why = _ask_version(command)
         if not version:
             raise CompileError(f"$CC: found {named}, which is no C compiler that works ({why}); correct or unset it.")
         if os.sep in command[0]:  # it is called from other folders
@@ -74,7 +74,7 @@ def find() -> Compiler:
         return Compiler(command, version)
     candidates = (("cc",), ("gcc",), ("clang",), (sys.executable, "-m", "ziglang", "cc"))
     for command in candidates:
-        version, _ = _ask(command)
+        version, _ = _ask_version(command)
         if version:
             return Compiler(command, version)
     tried = ", ".join(shlex.join(command) for command in candidates)
@@ -84,7 +84,7 @@ def find() -> Compiler:
     )
 
 
-def _ask(command: tuple[str, ...]) -> tuple[str, str]:
+def _ask_version(command: tuple[str, ...]) -> tuple[str, str]:
     """The version that a compiler prints, empty where the command is no compiler; then the reason follows."""
     if shutil.which(command[0]) is None:
         return "", "there is no such program"
@@ -94,7 +94,7 @@ def _ask(command: tuple[str, ...]) -> tuple[str, str]:
             [*command, "--version"], capture_output=True, text=True, errors="replace", timeout=60, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        if isinstance(error, OSError) and error.errno in EXHAUSTED:
+        if isinstance(error, OSError) and error.errno in EXHAUSTED_ERRNOS:
             why = f"`{asked}` cannot be started ({error.strerror})"
             raise CompileError(f"{why}: allow more open files and processes by `ulimit`, or close others.") from None
         return "", f"`{asked}`: {error}"
@@ -120,11 +120,11 @@ def cpu_flags() -> tuple[str, ...]:
         return ()
     for line in text.splitlines():
         if line.startswith(("flags", "Features")):
-            return tuple(sorted({*INSTRUCTIONS.split()} & {*line.split(":", 1)[1].split()}))
+            return tuple(sorted({*INSTRUCTION_SETS.split()} & {*line.split(":", 1)[1].split()}))
     return ()
 
 
-def flags(profile: str) -> tuple[str, ...]:
+def compiler_flags(profile: str) -> tuple[str, ...]:
     """List the compiler's flags.
 
     Args:
@@ -134,10 +134,10 @@ def flags(profile: str) -> tuple[str, ...]:
         The flags of every profile, then its own.
 
     """
-    return (*COMMON, *PROFILES[profile])
+    return (*COMMON_FLAGS, *PROFILES[profile])
 
 
-def library(folder: Path, sources: list[str], profile: str, name: str, kept: Path | None) -> None:
+def compile_library(folder: Path, sources: list[str], profile: str, name: str, kept: Path | None) -> None:
     """Compile sources, two at a time, and link them into a library; the objects are removed.
 
     Args:
@@ -155,16 +155,16 @@ def library(folder: Path, sources: list[str], profile: str, name: str, kept: Pat
     shared: tuple[str, ...] = ("-shared",)
     if sys.platform == "darwin":
         shared = ("-dynamiclib", "-undefined", "dynamic_lookup")
-    link = (*find().command, *shared, "-o", name, *made, "-lm")
+    link = (*find_compiler().command, *shared, "-o", name, *made, "-lm")
     pool, over = ThreadPoolExecutor(max_workers=2), Event()
-    with _interrupt_sets(over), _process_group() as group:
+    with _set_on_interrupt(over), _process_group() as group:
         try:
-            work = [pool.submit(_object, folder, source, profile, kept, over, group) for source in sources]
+            work = [pool.submit(_compile_object, folder, source, profile, kept, over, group) for source in sources]
             for done in work:
                 while not wait([done], timeout=0.1).done:  # an interrupt just before a wait is heard only after it
                     continue
                 done.result()
-            _run(link, folder / name, over, group)
+            _run_compiler(link, folder / name, over, group)
         finally:
             over.set()  # after an error nothing more is begun, and running compilers are ended
             pool.shutdown(cancel_futures=True)
@@ -189,7 +189,7 @@ def _process_group() -> Iterator[int]:
 
 
 @contextmanager
-def _interrupt_sets(over: Event) -> Iterator[None]:
+def _set_on_interrupt(over: Event) -> Iterator[None]:
     """Let an interrupt set ``over`` at once, and raise it at the end of the block.
 
     Raised in the middle of work that threads share, it could leave a lock for which all the others wait.
@@ -213,27 +213,27 @@ def _interrupt_sets(over: Event) -> Iterator[None]:
             raise KeyboardInterrupt
 
 
-def _object(folder: Path, source: str, profile: str, kept: Path | None, over: Event, group: int) -> None:
+def _compile_object(folder: Path, source: str, profile: str, kept: Path | None, over: Event, group: int) -> None:
     """Make the object of one source in folder: fetched, or compiled and then kept. Raises CompileError once it is all
     over."""
-    compiler = find()
-    start = (*compiler.command, *flags(profile))
+    compiler = find_compiler()
+    start = (*compiler.command, *compiler_flags(profile))
     plain = folder / source.replace(".c", ".i")
-    _run((*start, "-E", "-P", source, "-o", plain.name), plain, over, group)
+    _run_compiler((*start, "-E", "-P", source, "-o", plain.name), plain, over, group)
     processor = ""
     if profile == "native":
         processor = " ".join(cpu_flags())
-    name = object_cache.key(plain.read_bytes(), start, f"{compiler.version} {processor}")
+    name = object_cache.hash_object(plain.read_bytes(), start, f"{compiler.version} {processor}")
     plain.unlink()
     made = folder / source.replace(".c", ".o")
     compilation = (*start, "-c", source, "-o", made.name)
     if kept is None:
-        _run(compilation, made, over, group)
+        _run_compiler(compilation, made, over, group)
         return
-    content = object_cache.fetch(kept, name)
+    content = object_cache.fetch_object(kept, name)
     if content is None:
-        _run(compilation, made, over, group)
-        object_cache.keep(kept, name, made.read_bytes())
+        _run_compiler(compilation, made, over, group)
+        object_cache.store_object(kept, name, made.read_bytes())
     else:
         made.write_bytes(content)
 
@@ -250,17 +250,19 @@ def plain_library(folder: Path, sources: list[str], name: str) -> None:
         CompileError: There is no compiler, or it failed.
 
     """
-    command = (*find().command, "-O2", "-fPIC", "-shared", "-o", name, *sources, "-lm")
+    command = (*find_compiler().command, "-O2", "-fPIC", "-shared", "-o", name, *sources, "-lm")
     with _process_group() as group:
-        _run(command, folder / name, Event(), group)
+        _run_compiler(command, folder / name, Event(), group)
 
 
-def _run(command: tuple[str, ...], result: Path, over: Event, group: int) -> None:
+def _run_compiler(command: tuple[str, ...], result: Path, over: Event, group: int) -> None:
     """Run a command of the process group ``group`` that makes ``result``. Raises CompileError."""
     try:
-        code, words = _ended(command, result.parent, over, group)
+        code, words = _wait_for_end(command, result.parent, over, group)
     except subprocess.TimeoutExpired as error:
-        raise CompileError(f"the compiler did not finish within {PATIENCE:g} s: {shlex.join(command)}") from error
+        raise CompileError(
+            f"the compiler did not finish within {COMPILER_TIMEOUT:g} s: {shlex.join(command)}"
+        ) from error
     except OSError as error:
         raise CompileError(f"the compiler could not be started ({error}): {shlex.join(command)}") from error
     if code:
@@ -269,13 +271,13 @@ def _run(command: tuple[str, ...], result: Path, over: Event, group: int) -> Non
         raise CompileError(f"the compiler ended without an error and without a {result.name}: {shlex.join(command)}")
 
 
-def _ended(command: tuple[str, ...], folder: Path, over: Event, group: int) -> tuple[int, str]:
+def _wait_for_end(command: tuple[str, ...], folder: Path, over: Event, group: int) -> tuple[int, str]:
     """The code with which the command ended in the folder, and the end of its words.
 
     Once ``over`` is set, the command is ended (CompileError): the interrupt of a terminal does not reach a program that
     is being started just then.
     """
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + COMPILER_TIMEOUT
     with subprocess.Popen(
         command,
         cwd=folder,

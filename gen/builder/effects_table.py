@@ -8,11 +8,11 @@ import sys
 from gen.effects import ALL, NOMINAL
 from gen.effects.effect import Effect, Parameter
 
-HEAD = "| effect | acts at | its term | amplitudes; other parameters | source |\n|---|---|---|---|---|\n"
-JOINTS = {"each": "", "first": "; first joint", "last": "; last joint", "arm": "; whole arm"}
+EFFECTS_TABLE_HEAD = "| effect | acts at | its term | amplitudes; other parameters | source |\n|---|---|---|---|---|\n"
+JOINT_PHRASES = {"each": "", "first": "; first joint", "last": "; last joint", "arm": "; whole arm"}
 
 
-def table() -> str:
+def make_effects_table() -> str:
     """List every effect in Markdown: those of every model, then those that a robot file or --effects adds.
 
     Returns:
@@ -20,26 +20,29 @@ def table() -> str:
 
     """
     added = tuple(effect for effect in ALL if effect not in NOMINAL)
-    parts = ["In every model:\n\n", HEAD, *map(_row, NOMINAL)]
-    parts += ["\nAdded where a robot file states them (`[[effect]]`) or a build asks for them (`--effects`):\n\n", HEAD]
-    return "".join([*parts, *map(_row, added)])
+    parts = ["In every model:\n\n", EFFECTS_TABLE_HEAD, *map(_effect_row, NOMINAL)]
+    parts += [
+        "\nAdded where a robot file states them (`[[effect]]`) or a build asks for them (`--effects`):\n\n",
+        EFFECTS_TABLE_HEAD,
+    ]
+    return "".join([*parts, *map(_effect_row, added)])
 
 
-def _row(effect: Effect) -> str:
+def _effect_row(effect: Effect) -> str:
     module = sys.modules[effect.equation.__module__]
     legend = (module.__doc__ or "").partition("Legend: ")[2].strip()
     equation = (inspect.getdoc(effect.equation) or "").removesuffix(".")
-    where = effect.port.value + JOINTS[effect.joints]
-    if not effect.rigid:
+    where = effect.port.value + JOINT_PHRASES[effect.joints]
+    if not effect.suits_rigid_drive:
         where += "; flexible drives"
-    if not effect.prismatic:
+    if not effect.suits_prismatic_joint:
         where += "; revolute joints"
     term = f"{equation}. {legend}"
-    cells = (f"`{effect.name}`", where, term, _parameters(effect), effect.citation)
+    cells = (f"`{effect.name}`", where, term, _describe_parameters(effect), effect.citation)
     return "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in cells) + " |\n"
 
 
-def _parameters(effect: Effect) -> str:
+def _describe_parameters(effect: Effect) -> str:
     """The effect's amplitudes, then its other parameters."""
     shown = {parameter.name: _own_parameter(parameter) for parameter in effect.parameters}
     amplitudes = ", ".join(shown.get(name) or _file_parameter(effect, name) for name in effect.amplitudes)
@@ -49,7 +52,7 @@ def _parameters(effect: Effect) -> str:
 
 def _file_parameter(effect: Effect, name: str) -> str:
     """An amplitude that is a key of the robot file."""
-    size = effect.sizes.get(name)
+    size = effect.usual_shares.get(name)
     if size:
         return f"`{name}` (robot.toml, typically off by {100 * size:g} %)"
     return f"`{name}` (robot.toml)"
@@ -68,4 +71,4 @@ def _own_parameter(parameter: Parameter) -> str:
 
 
 if __name__ == "__main__":
-    print(table(), end="")
+    print(make_effects_table(), end="")

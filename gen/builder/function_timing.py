@@ -2,10 +2,10 @@
 one run.
 
 The contestants take turns over the same states. Each is called in a loop in C through a pointer, no Python in between,
-and the clock is read in C: in a row (`CALLS` calls between two readings; ratios are made of these, round by round) and
-singly (a reading before and after each call, the clock's own time taken off), which shows the tail that a control loop
-meets. CasADi's own C is printed by its code generator and compiled -O2. Its interpreter is called through CasADi's
-C interface, which copies nothing.
+and the clock is read in C: in a row (`CALLS_PER_ROW` calls between two readings; ratios are made of these, round by
+round) and singly (a reading before and after each call, the clock's own time taken off), which shows the tail that a
+control loop meets. CasADi's own C is printed by its code generator and compiled -O2. Its interpreter is called through
+CasADi's C interface, which copies nothing.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gen.builder import compiler
-from gen.builder.build import BuildError, assembled, build
+from gen.builder.build import BuildError, assemble_library, build_robot
 from gen.builder.ownership import find_other_writer
 from gen.model.arm_model import Model
-from gen.model.emitted_function import dense
+from gen.model.emitted_function import make_dense_function
 from gen.model.function_library import Library
 from gen.robot.load_robot import load
 
 SX = ca.SX
 Floats = NDArray[np.float64]
-WHO = ("native", "portable", "casadi_c", "interpreter")
-CALLS = 256  # in a row, over as many states
-SINGLES = 30  # single calls a round
-SIZES = {  # of random arguments, uniform about 0; of others 0.5
+CONTESTANTS = ("native", "portable", "casadi_c", "interpreter")
+CALLS_PER_ROW = 256  # in a row, over as many states
+SINGLE_CALLS = 30  # single calls a round
+ARGUMENT_SPREADS = {  # of random arguments, uniform about 0; of others 0.5
     "q": 2.0, "v": 0.2, "a": 2.0, "joint_position": 2.0, "joint_velocity": 0.2, "motor_position": 200.0,
     "motor_velocity": 20.0, "motor_acceleration": 200.0, "joint_torque": 10.0, "tip_force": 10.0, "sliding": 1.0,
 }  # fmt: skip
-TORSION, SPEED = 5e-4, 0.2  # rad (3.5 N m), rad/s at the joint: spread of random states
+TORSION_SPREAD, SPEED_SPREAD = 5e-4, 0.2  # rad (3.5 N m), rad/s at the joint: spread of random states
 DRIVER = """
 #include <time.h>
 typedef long long whole;
@@ -91,16 +91,16 @@ class Arguments:
 
     ins: NDArray[np.intp]
     outs: NDArray[np.intp]
-    kept: tuple[Floats, ...]
+    owned_arrays: tuple[Floats, ...]
 
     @classmethod
-    def of(cls, inputs: list[Floats], outputs: list[Floats], width: tuple[int, int] = (0, 0)) -> Arguments:
+    def from_arrays(cls, inputs: list[Floats], outputs: list[Floats], width: tuple[int, int] = (0, 0)) -> Arguments:
         """Tables of CALLS rows, at least as wide as asked; an array of one row serves all."""
         tables = []
         for arrays, least in ((inputs, width[0]), (outputs, width[1])):
-            table = np.zeros((CALLS, max(len(arrays), least)), np.intp)
+            table = np.zeros((CALLS_PER_ROW, max(len(arrays), least)), np.intp)
             for k, a in enumerate(arrays):
-                table[:, k] = a.ctypes.data + np.arange(CALLS) * (a.strides[0] if len(a) > 1 else 0)
+                table[:, k] = a.ctypes.data + np.arange(CALLS_PER_ROW) * (a.strides[0] if len(a) > 1 else 0)
             tables.append(table)
         return cls(tables[0], tables[1], (*inputs, *outputs))
 
@@ -108,7 +108,7 @@ class Arguments:
 Sample = Callable[[int, int], Floats]  # (calls, batches) -> ns a call (batches)
 
 
-def step_graph(made: Library) -> ca.Function:
+def make_step_graph(made: Library) -> ca.Function:
     """Write RK4 over the same right-hand side, in the order of operations of hda_step.c.
 
     Args:
@@ -125,13 +125,15 @@ def step_graph(made: Library) -> ca.Function:
     k2 = rhs(x + 0.5 * h * k1, u, c)
     k3 = rhs(x + 0.5 * h * k2, u, c)
     k4 = rhs(x + h * k3, u, c)
-    return dense("step", {"x": x, "u": u, "c": c, "h": h}, {"next": x + h / 6.0 * ((k1 + k4) + 2.0 * (k2 + k3))})
+    return make_dense_function(
+        "step", {"x": x, "u": u, "c": c, "h": h}, {"next": x + h / 6.0 * ((k1 + k4) + 2.0 * (k2 + k3))}
+    )
 
 
 # -- arguments --------------------------------------------------------------------------------------------------------
 
 
-def states(model: Model, count: int) -> dict[str, Floats]:
+def sample_states(model: Model, count: int) -> dict[str, Floats]:
     """Draw states and inputs near the arm's work, the same every time.
 
     Joints are anywhere within 2 rad, springs under a few N m, joint speeds about 0.2 rad/s: motors also turn slowly
@@ -150,16 +152,16 @@ def states(model: Model, count: int) -> dict[str, Floats]:
     x = random.uniform(-0.1, 0.1, (count, bounds.size)) * bounds
     place = {slot.name: k for k, slot in enumerate(model.x_slots)}
     for j in model.joints:
-        q, v = random.uniform(-2.0, 2.0, count), random.normal(size=count) * SPEED
+        q, v = random.uniform(-2.0, 2.0, count), random.normal(size=count) * SPEED_SPREAD
         x[:, place[f"joint_position_{j}"]], x[:, place[f"joint_velocity_{j}"]] = q, v
         if j in model.flexible:
             ratio = model.robot.joints[j - 1].drive.ratio.nominal
-            x[:, place[f"motor_position_{j}"]] = ratio * (q + random.normal(size=count) * TORSION)
+            x[:, place[f"motor_position_{j}"]] = ratio * (q + random.normal(size=count) * TORSION_SPREAD)
             x[:, place[f"motor_velocity_{j}"]] = ratio * v * random.normal(1.0, 0.1, count)
     return {"x": x, "u": random.uniform(-0.2, 0.2, (count, len(model.u_slots))) * [s.bound for s in model.u_slots]}
 
 
-def inputs_of(name: str, graph: ca.Function, made: Library, known: Mapping[str, Floats]) -> list[Floats]:
+def sample_inputs(name: str, graph: ca.Function, made: Library, known: Mapping[str, Floats]) -> list[Floats]:
     """Draw the arguments of a function.
 
     Args:
@@ -173,7 +175,7 @@ def inputs_of(name: str, graph: ca.Function, made: Library, known: Mapping[str, 
 
     """
     random = np.random.default_rng(2)
-    laws = {f.name: law for law in made.laws for f in (law.start, law.tick)}
+    laws = {f.name: law for law in made.laws for f in (law.start_function, law.tick_function)}
     out = []
     for k in range(graph.n_in()):
         argument, length = graph.name_in(k), graph.numel_in(k)
@@ -182,14 +184,14 @@ def inputs_of(name: str, graph: ca.Function, made: Library, known: Mapping[str, 
         elif argument in known:
             out.append(known[argument])
         else:
-            out.append(random.uniform(-1, 1, (CALLS, length)) * SIZES.get(argument, 0.5))
+            out.append(random.uniform(-1, 1, (CALLS_PER_ROW, length)) * ARGUMENT_SPREADS.get(argument, 0.5))
     return out
 
 
 # -- contestants ------------------------------------------------------------------------------------------------------
 
 
-class Field:
+class TimingRig:
     """The driver, CasADi's C and our libraries, loaded; makes a contestant of each for a function."""
 
     def __init__(self, graphs: Mapping[str, ca.Function], folder: Path, builds: Mapping[str, Path]) -> None:
@@ -200,13 +202,15 @@ class Field:
             renamed.save(str(folder / f"{name}.casadi"))
         generator.generate(f"{folder}/")
         shapes = sorted({(graph.n_in(), graph.n_out()) for graph in graphs.values()})
-        (folder / "driver.c").write_text(DRIVER + "".join(_sampler(*shape) for shape in shapes))
+        (folder / "driver.c").write_text(DRIVER + "".join(_sampler_code(*shape) for shape in shapes))
         compiler.plain_library(folder, ["theirs.c", "driver.c"], "theirs.so")
         self.folder, self.theirs = folder, ctypes.CDLL(str(folder / "theirs.so"))
-        self.ours = {profile: ctypes.CDLL(str(_library(place))) for profile, place in builds.items()}
+        self.ours = {profile: ctypes.CDLL(str(_find_library(place))) for profile, place in builds.items()}
         self.interpreter = ctypes.CDLL(str(min(Path(ca.__file__).parent.glob("libcasadi.*"))))
 
-    def sampler(self, who: str, name: str, graph: ca.Function, inputs: list[Floats], outputs: list[Floats]) -> Sample:
+    def make_sampler(
+        self, who: str, name: str, graph: ca.Function, inputs: list[Floats], outputs: list[Floats]
+    ) -> Sample:
         """Make the sampler of a contestant.
 
         Args:
@@ -224,29 +228,31 @@ class Field:
         if who in self.ours:
             symbol = getattr(self.ours[who], f"hda_{name}")
             me = Contestant(ctypes.cast(symbol, ctypes.c_void_p), 0, None, None)
-            kind, given = f"ours_{len(inputs)}_{len(outputs)}", Arguments.of(inputs, outputs)
+            kind, given = f"ours_{len(inputs)}_{len(outputs)}", Arguments.from_arrays(inputs, outputs)
         else:
             sizes = (graph.sz_arg(), graph.sz_res(), graph.sz_iw(), graph.sz_w())
-            kind, given = who, Arguments.of(inputs, outputs, (sizes[0], sizes[1]))
+            kind, given = who, Arguments.from_arrays(inputs, outputs, (sizes[0], sizes[1]))
             kept = (np.zeros(sizes[2] + 1, np.int64), np.zeros(sizes[3] + 1))
             number, symbol = 0, getattr(self.theirs, f"casadi_{name}")
             if who == "interpreter":
-                number, symbol = self._loaded(name), self.interpreter.casadi_c_eval_id
+                number, symbol = self._load_function(name), self.interpreter.casadi_c_eval_id
             me = Contestant(ctypes.cast(symbol, ctypes.c_void_p), number, kept[0].ctypes.data, kept[1].ctypes.data)
-        return self._sample(kind, me, given, kept)
+        return self._bind_sampler(kind, me, given, kept)
 
-    def _loaded(self, name: str) -> int:
+    def _load_function(self, name: str) -> int:
         if self.interpreter.casadi_c_push_file(str(self.folder / f"{name}.casadi").encode()):
             raise RuntimeError(f"CasADi does not read its own file of {name}")
         number = int(self.interpreter.casadi_c_id(f"casadi_{name}".encode()))
         self.interpreter.casadi_c_checkout_id(number)
         return number
 
-    def nothing(self) -> Sample:
+    def clock_sampler(self) -> Sample:
         """The clock alone."""
-        return self._sample("nothing", Contestant(), Arguments.of([np.zeros((1, 1))], [np.zeros((1, 1))]), ())
+        return self._bind_sampler(
+            "nothing", Contestant(), Arguments.from_arrays([np.zeros((1, 1))], [np.zeros((1, 1))]), ()
+        )
 
-    def _sample(self, kind: str, me: Contestant, given: Arguments, kept: tuple[Any, ...]) -> Sample:
+    def _bind_sampler(self, kind: str, me: Contestant, given: Arguments, kept: tuple[Any, ...]) -> Sample:
         call = getattr(self.theirs, f"sample_{kind}")
         call.restype = None
         tables: list[Any] = []
@@ -255,9 +261,9 @@ class Field:
 
         def sample(calls: int, batches: int) -> Floats:
             ns = np.empty(batches)
-            counts = (ctypes.c_long(CALLS), ctypes.c_long(calls), ctypes.c_long(batches))
+            counts = (ctypes.c_long(CALLS_PER_ROW), ctypes.c_long(calls), ctypes.c_long(batches))
             call(ctypes.byref(me), *tables, *counts, ctypes.c_void_p(ns.ctypes.data))
-            assert given.kept is not None and kept is not None  # the arrays into which the call points
+            assert given.owned_arrays is not None and kept is not None  # the arrays into which the call points
             return ns
 
         return sample
@@ -267,13 +273,13 @@ class Field:
         self.interpreter.casadi_c_clear()
 
 
-def _sampler(ins: int, outs: int) -> str:
+def _sampler_code(ins: int, outs: int) -> str:
     kinds = ", ".join(["const double *"] * ins + ["double *"] * outs)
     given = ", ".join([f"i[{k}]" for k in range(ins)] + [f"o[{k}]" for k in range(outs)])
     return f"SAMPLE(sample_ours_{ins}_{outs}, ((void (*)({kinds}))me->function)({given}))\n"
 
 
-def _library(folder: Path) -> Path:
+def _find_library(folder: Path) -> Path:
     library = folder / str(json.loads((folder / "manifest.json").read_text())["library"])
     if why := find_other_writer(library):
         raise BuildError(f"{folder}: compiled code is not run from there, for {why}; name your own with --out.")
@@ -281,7 +287,7 @@ def _library(folder: Path) -> Path:
 
 
 @contextmanager
-def field(graphs: Mapping[str, ca.Function], builds: Mapping[str, Path]) -> Iterator[Field]:
+def open_rig(graphs: Mapping[str, ca.Function], builds: Mapping[str, Path]) -> Iterator[TimingRig]:
     """Load the contestants, and remove their files at the end.
 
     Args:
@@ -293,7 +299,7 @@ def field(graphs: Mapping[str, ca.Function], builds: Mapping[str, Path]) -> Iter
 
     """
     with tempfile.TemporaryDirectory() as folder:
-        made = Field(graphs, Path(folder), builds)
+        made = TimingRig(graphs, Path(folder), builds)
         try:
             yield made
         finally:
@@ -303,7 +309,7 @@ def field(graphs: Mapping[str, ca.Function], builds: Mapping[str, Path]) -> Iter
 # -- the run ----------------------------------------------------------------------------------------------------------
 
 
-def measure(robot: str, out: Path, rounds: int) -> dict[str, dict[str, dict[str, list[float]]]]:
+def measure_times(robot: str, out: Path, rounds: int) -> dict[str, dict[str, dict[str, list[float]]]]:
     """Time every function of a robot.
 
     Args:
@@ -316,46 +322,46 @@ def measure(robot: str, out: Path, rounds: int) -> dict[str, dict[str, dict[str,
         p99.9 and largest of single calls, ns.
 
     """
-    made, _, _ = assembled(robot, load(robot), ())
-    builds = {profile: build(robot, profile, out)[0] for profile in ("native", "portable")}
+    made, _, _ = assemble_library(robot, load(robot), ())
+    builds = {profile: build_robot(robot, profile, out)[0] for profile in ("native", "portable")}
     graphs = {f.name: f.graph for f in made.functions}
     model = made.graphs.model
-    if not model.stiff:
-        graphs["step"] = step_graph(made)
+    if not model.needs_stiff_step:
+        graphs["step"] = make_step_graph(made)
     p = np.array([[q.nominal for q in model.quantities]])
     c, h = np.array(graphs["prepare"](p.ravel())).T, np.array([[model.robot.step]])
-    known = {**states(model, CALLS), "p": p, "c": c, "h": h}
-    with field(graphs, builds) as contest:
-        clock = float(np.median(contest.nothing()(1, 1000)))
+    known = {**sample_states(model, CALLS_PER_ROW), "p": p, "c": c, "h": h}
+    with open_rig(graphs, builds) as contest:
+        clock = float(np.median(contest.clock_sampler()(1, 1000)))
         result = {}
         for name, graph in graphs.items():
-            inputs = inputs_of(name, graph, made, known)
-            outputs = [np.zeros((CALLS, graph.numel_out(k))) for k in range(graph.n_out())]
+            inputs = sample_inputs(name, graph, made, known)
+            outputs = [np.zeros((CALLS_PER_ROW, graph.numel_out(k))) for k in range(graph.n_out())]
             if name == "step":  # each from where the last one ended: a rollout
-                path = np.tile(known["x"][:1], (CALLS + 1, 1))
+                path = np.tile(known["x"][:1], (CALLS_PER_ROW + 1, 1))
                 inputs[0], outputs[0] = path[:-1], path[1:]
-            runs = {who: contest.sampler(who, name, graph, inputs, outputs) for who in WHO}
-            result[name] = _race(runs, rounds, clock)
+            runs = {who: contest.make_sampler(who, name, graph, inputs, outputs) for who in CONTESTANTS}
+            result[name] = _time_in_turns(runs, rounds, clock)
     return result
 
 
-def _race(runs: Mapping[str, Sample], rounds: int, clock: float) -> dict[str, dict[str, list[float]]]:
+def _time_in_turns(runs: Mapping[str, Sample], rounds: int, clock: float) -> dict[str, dict[str, list[float]]]:
     rows: dict[str, list[float]] = {who: [] for who in runs}
     singles: dict[str, list[Floats]] = {who: [] for who in runs}
     for turn in range(rounds + 1):  # the first one warms up
         for who, run in runs.items():
-            row, single = run(CALLS, 1), run(1, SINGLES)
+            row, single = run(CALLS_PER_ROW, 1), run(1, SINGLE_CALLS)
             if turn:
                 rows[who].append(float(row[0]))
                 singles[who].append(single - clock)
-    return {who: {"row": rows[who], "single": _tail(np.concatenate(singles[who]))} for who in runs}
+    return {who: {"row": rows[who], "single": _tail_percentiles(np.concatenate(singles[who]))} for who in runs}
 
 
-def _tail(values: Floats) -> list[float]:
+def _tail_percentiles(values: Floats) -> list[float]:
     return [float(v) for v in (*np.percentile(values, [50, 99, 99.9]), values.max())]
 
 
-def command(options: Any) -> int:
+def run_timing(options: Any) -> int:
     """Print the figures of `python -m gen time` as JSON.
 
     Args:
@@ -365,5 +371,5 @@ def command(options: Any) -> int:
         Exit code 0.
 
     """
-    print(json.dumps(measure(options.robot, options.out, options.rounds)))
+    print(json.dumps(measure_times(options.robot, options.out, options.rounds)))
     return 0

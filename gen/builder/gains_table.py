@@ -5,14 +5,14 @@ from __future__ import annotations
 from gen.effects import NOMINAL
 from gen.effects.effect import Parameter
 from gen.model.arm_model import Model
-from gen.model.compliance_laws import COMMON, laws
-from gen.model.right_hand_side import assemble
+from gen.model.compliance_laws import COMMON_GAINS, make_laws
+from gen.model.right_hand_side import assemble_graphs
 from gen.robot.load_robot import load
 
-HEAD = "| gain | laws | unit | default | possible | what it is |\n|---|---|---|---|---|---|\n"
+GAINS_TABLE_HEAD = "| gain | laws | unit | default | possible | what it is |\n|---|---|---|---|---|---|\n"
 
 
-def table() -> str:
+def make_gains_table() -> str:
     """List every gain of every law in Markdown: those of all laws first, then each law's own, axes together.
 
     Returns:
@@ -20,7 +20,7 @@ def table() -> str:
 
     """
     model = Model(load("paper"), NOMINAL)
-    made = laws(model, assemble(model).c)
+    made = make_laws(model, assemble_graphs(model).c)
     rows: dict[tuple[str, Parameter], list[str]] = {}
     for law in made:
         for gain in law.gains:
@@ -28,12 +28,12 @@ def table() -> str:
             users = rows.setdefault((_name_axes(gain), values), [])
             if law.name not in users:
                 users.append(law.name)
-    return HEAD + "".join(_row(name, gain, users, len(made)) for (name, gain), users in rows.items())
+    return GAINS_TABLE_HEAD + "".join(_gain_row(name, gain, users, len(made)) for (name, gain), users in rows.items())
 
 
 def _name_axes(gain: Parameter) -> str:
     """The names of a gain along all axes."""
-    if gain in COMMON:
+    if gain in COMMON_GAINS:
         return f"`{gain.name}`"
     kind, _, axis = gain.name.rpartition("_")
     if axis in ("x", "y"):
@@ -41,7 +41,7 @@ def _name_axes(gain: Parameter) -> str:
     return f"`{kind}_1`, `{kind}_2`, …"
 
 
-def _row(name: str, gain: Parameter, users: list[str], count: int) -> str:
+def _gain_row(name: str, gain: Parameter, users: list[str], count: int) -> str:
     who = ", ".join(f"`{user}`" for user in users)
     if len(users) == count:
         who = "all"
@@ -49,4 +49,4 @@ def _row(name: str, gain: Parameter, users: list[str], count: int) -> str:
 
 
 if __name__ == "__main__":
-    print(table(), end="")
+    print(make_gains_table(), end="")

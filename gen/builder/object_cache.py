@@ -13,11 +13,11 @@ from pathlib import Path
 
 from gen.builder.ownership import find_other_writer
 
-MOST = 512  # objects that are kept, the newest
-PART = ".part-"  # begins the name of one that is being written
+MOST_OBJECTS = 512  # objects that are kept, the newest
+PARTIAL_OBJECT_PREFIX = ".part-"  # begins the name of one that is being written
 
 
-def key(preprocessed: bytes, command: tuple[str, ...], version: str) -> str:
+def hash_object(preprocessed: bytes, command: tuple[str, ...], version: str) -> str:
     """Name an object by everything that decides its content.
 
     Args:
@@ -36,7 +36,7 @@ def key(preprocessed: bytes, command: tuple[str, ...], version: str) -> str:
     return digest.hexdigest()[:32]
 
 
-def fetch(kept: Path, name: str) -> bytes | None:
+def fetch_object(kept: Path, name: str) -> bytes | None:
     """Fetch an object; damaged ones are removed, and those of another user are passed over.
 
     Args:
@@ -54,13 +54,13 @@ def fetch(kept: Path, name: str) -> bytes | None:
             content = path.read_bytes()
         except OSError:
             continue
-        if path.stem == f"{name}-{_hash(content)}":
+        if path.stem == f"{name}-{_hash_content(content)}":
             return content
         path.unlink(missing_ok=True)
     return None
 
 
-def keep(kept: Path, name: str, content: bytes) -> None:
+def store_object(kept: Path, name: str, content: bytes) -> None:
     """Put an object away, whole or not at all, and throw away the oldest beyond MOST.
 
     Args:
@@ -70,14 +70,14 @@ def keep(kept: Path, name: str, content: bytes) -> None:
 
     """
     kept.mkdir(mode=0o700, parents=True, exist_ok=True)
-    path = kept / f"{name}-{_hash(content)}.o"
-    part = kept / f"{PART}{secrets.token_hex(8)}"
+    path = kept / f"{name}-{_hash_content(content)}.o"
+    part = kept / f"{PARTIAL_OBJECT_PREFIX}{secrets.token_hex(8)}"
     try:
         part.write_bytes(content)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
-    for old in sorted(kept.glob("*.o"), key=_age)[:-MOST]:
+    for old in sorted(kept.glob("*.o"), key=_modified_at)[:-MOST_OBJECTS]:
         old.unlink(missing_ok=True)
 
 
@@ -88,11 +88,11 @@ def discard_parts(kept: Path) -> None:
         kept: The folder of kept objects.
 
     """
-    for part in kept.glob(f"{PART}*"):
+    for part in kept.glob(f"{PARTIAL_OBJECT_PREFIX}*"):
         part.unlink(missing_ok=True)
 
 
-def _age(path: Path) -> float:
+def _modified_at(path: Path) -> float:
     """When the file was made; one that another thread has just thrown away counts as new."""
     try:
         return path.stat().st_mtime
@@ -100,5 +100,5 @@ def _age(path: Path) -> float:
         return float("inf")
 
 
-def _hash(content: bytes) -> str:
+def _hash_content(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:32]

@@ -8,12 +8,12 @@ from gen.builder import build
 from gen.builder.compiler import CompileError
 from gen.effects.effect import Effect
 from gen.model.arm_model import Model
-from gen.model.harmonic_drive import ERROR
+from gen.model.harmonic_drive import INVERSE_TOLERANCE
 from gen.robot.description import Joint
 from gen.robot.load_robot import load
 
 
-def report(
+def report_robot(
     source: str, extra: tuple[str, ...] = (), profile: str = "portable", out: Path = Path("build")
 ) -> tuple[list[str], bool]:
     """Describe a robot file and the build that it would give.
@@ -33,32 +33,33 @@ def report(
 
     """
     robot = load(source)
-    made, effects, examined = build.assembled(source, robot, tuple(sorted(set(extra))))
+    made, effects, examined = build.assemble_library(source, robot, tuple(sorted(set(extra))))
     model = made.graphs.model
     sizes = f"{len(model.x_slots)} states, {len(model.u_slots)} inputs, {len(model.quantities)} parameters"
     all_sizes = f"{sizes}, {made.graphs.c.numel()} constants, {len(made.functions)} functions"
     lines = [f"{robot.name}: {model.n} joint{'s' * (model.n > 1)}, {all_sizes}"]
-    lines += [f"  joint {number}  {_joint(joint)}" for number, joint in enumerate(robot.joints, 1)]
-    lines += [f"  effect   {_effect(model, effect)}" for effect in effects]
+    lines += [f"  joint {number}  {_describe_joint(joint)}" for number, joint in enumerate(robot.joints, 1)]
+    lines += [f"  effect   {_describe_effect(model, effect)}" for effect in effects]
     if model.flexible:
         corrected = ""
         if model.plan.corrections:
             corrected = f" and {model.plan.corrections} corrections"
         lines.append(
-            f"  springs  inverse within {ERROR:g} rad by a polynomial of degree {model.plan.degree}{corrected}"
+            f"  springs  inverse within {INVERSE_TOLERANCE:g} rad by a polynomial of degree"
+            f" {model.plan.degree}{corrected}"
         )
     method = "RK4"
-    if model.stiff:
+    if model.needs_stiff_step:
         method = "L-stable (RODAS), as a memory is stiff"
     lines.append(f"  step     {robot.step:g} s, {method}")
-    lines += [f"  {line}" for line in examined.lines()]
+    lines += [f"  {line}" for line in examined.describe_step()]
     refused = examined.refusals(source)
     if refused:
         return lines + refused, False
-    return [*lines, _folder(source, profile, out, extra)], True
+    return [*lines, _describe_folder(source, profile, out, extra)], True
 
 
-def _joint(joint: Joint) -> str:
+def _describe_joint(joint: Joint) -> str:
     drive = joint.drive
     limit, kind, given = "none", "springs", "current"
     if joint.limits.torque:
@@ -71,17 +72,17 @@ def _joint(joint: Joint) -> str:
     return f"{joint.kind}, {kind}, ratio {drive.ratio.nominal:g}, input {given}, torque limit {limit}"
 
 
-def _effect(model: Model, effect: Effect) -> str:
-    at = ", ".join(str(j) for j in model.applies(effect))
+def _describe_effect(model: Model, effect: Effect) -> str:
+    at = ", ".join(str(j) for j in model.joints_of_effect(effect))
     where = {"0": "arm", "": "no joint"}.get(at, f"joint {at}")
     return f"{effect.name} ({effect.port.place}, {where}): {effect.citation}"
 
 
-def _folder(source: str, profile: str, out: Path, extra: tuple[str, ...]) -> str:
+def _describe_folder(source: str, profile: str, out: Path, extra: tuple[str, ...]) -> str:
     try:
-        folder, name, _ = build.place(source, profile, out, extra)
+        folder, name, _ = build.locate_build(source, profile, out, extra)
     except CompileError as error:
         return f"cannot be built here: {error}"
-    if build.intact(folder, name):
+    if build.is_intact(folder, name):
         return f"{folder} ({profile}) is there"
     return f"{folder} ({profile}) would be made"

@@ -19,15 +19,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from gen.c_code.headers import MOST_PARTS, slide_velocities
+from gen.c_code.headers import MOST_STEP_PARTS, slide_velocities
 from gen.model.arm_model import Model
 from gen.model.right_hand_side import Graphs
 
-STABLE = 2.78  # h |λ| of modes
-SMOOTH = 1.0  # h |λ| of smooth friction
-ACCURATE = 0.5  # h |λ| of modes, worth a remark
-POINTS = 256  # configurations, about
-WIDE = 1e12  # factor on the width of smooth friction that takes it out of A
+LARGEST_STABLE_MODE = 2.78  # h |λ| of modes
+LARGEST_SMOOTH_FRICTION = 1.0  # h |λ| of smooth friction
+LARGEST_ACCURATE_MODE = 0.5  # h |λ| of modes, worth a remark
+STABILITY_GRID_POINTS = 256  # configurations, about
+FRICTIONLESS_FACTOR = 1e12  # factor on the width of smooth friction that takes it out of A
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Examination:
+class StepExamination:
     """The rates that the step has to carry. Tuples have an entry a joint."""
 
     step: float  # s
@@ -62,27 +62,28 @@ class Examination:
 
         """
         problems = []
-        whole = self.smallest_step * self.friction_rate / SMOOTH
+        whole = self.smallest_step * self.friction_rate / LARGEST_SMOOTH_FRICTION
         for j, (width, rate) in enumerate(zip(self.width, self.friction, strict=True), 1):
-            share = self.smallest_step * rate / SMOOTH
+            share = self.smallest_step * rate / LARGEST_SMOOTH_FRICTION
             if whole > 1 and share > 1:
                 problems.append(
-                    f"{label}, joint[{j}].drive.friction_smoothing: found {width:.4g} rad/s, over which friction stops "
-                    f"the motor {share:.3g} times faster than a step of {self.smallest_step:.3g} s can follow, so that "
-                    f"speeds are wrong in silence, possible is {_rounded(width * share, math.ceil)} or more; write "
-                    f"that, or step = {_rounded(self.step / whole, math.floor)} or less."
+                    f"{label}, joint[{j}].drive.friction_smoothing: found {width:.4g} rad/s, over which friction stops"
+                    f" the motor {share:.3g} times faster than a step of {self.smallest_step:.3g} s can follow, so that"
+                    f" speeds are wrong in silence, possible is {_round_to_three_digits(width * share, math.ceil)} or"
+                    f" more; write that, or step = {_round_to_three_digits(self.step / whole, math.floor)} or less."
                 )
         size = self.step * self.loaded.rate
-        if size > STABLE:
+        if size > LARGEST_STABLE_MODE:
             problems.append(
-                f"{label}, step: found {self.step:.4g} s, in which the fastest mode ({self.loaded.rate:.4g} 1/s, at "
-                f"joint {self.loaded.joint}, {self._load}) moves on by {size:.3g} rad, possible is {STABLE}, beyond "
-                f"which RK4 is unstable; write step = {_rounded(STABLE / self.loaded.rate, math.floor)} or less, or "
-                "correct springs, inertias or limits.torque."
+                f"{label}, step: found {self.step:.4g} s, in which the fastest mode ({self.loaded.rate:.4g} 1/s, at"
+                f" joint {self.loaded.joint}, {self._load_phrase}) moves on by {size:.3g} rad, possible is"
+                f" {LARGEST_STABLE_MODE}, beyond which RK4 is unstable; write step ="
+                f" {_round_to_three_digits(LARGEST_STABLE_MODE / self.loaded.rate, math.floor)} or less, or correct"
+                " springs, inertias or limits.torque."
             )
         return problems
 
-    def mended(self) -> tuple[float, tuple[float, ...]]:
+    def find_remedy(self) -> tuple[float, tuple[float, ...]]:
         """Find a step and widths of smooth friction that carry the model.
 
         Returns:
@@ -90,23 +91,23 @@ class Examination:
 
         """
         step = self.step
-        if self.step * self.loaded.rate > STABLE:
-            step = float(_rounded(STABLE / self.loaded.rate, math.floor))
+        if self.step * self.loaded.rate > LARGEST_STABLE_MODE:
+            step = float(_round_to_three_digits(LARGEST_STABLE_MODE / self.loaded.rate, math.floor))
         smallest = self.smallest_step * step / self.step
-        if smallest * self.friction_rate <= SMOOTH:
+        if smallest * self.friction_rate <= LARGEST_SMOOTH_FRICTION:
             return step, self.width
-        shares = [max(smallest * rate / SMOOTH, 1.0) for rate in self.friction]
+        shares = [max(smallest * rate / LARGEST_SMOOTH_FRICTION, 1.0) for rate in self.friction]
         widths = zip(self.width, shares, strict=True)
-        return step, tuple(self._widened(width, share) for width, share in widths)
+        return step, tuple(self._widen_smoothing(width, share) for width, share in widths)
 
     @staticmethod
-    def _widened(width: float, share: float) -> float:
+    def _widen_smoothing(width: float, share: float) -> float:
         """A width, rad/s, ``share`` times as large and rounded up; as it is where share is 1."""
         if share > 1:
-            return float(_rounded(width * share, math.ceil))
+            return float(_round_to_three_digits(width * share, math.ceil))
         return width
 
-    def lines(self) -> list[str]:
+    def describe_step(self) -> list[str]:
         """Describe the friction and the modes that the step carries, and how well it does.
 
         Returns:
@@ -115,29 +116,37 @@ class Examination:
         """
         said = []
         for j, (width, rate) in enumerate(zip(self.width, self.friction, strict=True), 1):
-            carried = f"{self.smallest_step * rate:.3g} of a step of {self.smallest_step:.3g} s, possible is {SMOOTH:g}"
-            said.append(f"friction at joint {j} smoothed over {width:.4g} rad/s: {carried} (RK4 is stable to {STABLE})")
-        modes = {"without load": self.unloaded, self._load: self.loaded}
+            carried = (
+                f"{self.smallest_step * rate:.3g} of a step of {self.smallest_step:.3g} s, possible is"
+                f" {LARGEST_SMOOTH_FRICTION:g}"
+            )
+            said.append(
+                f"friction at joint {j} smoothed over {width:.4g} rad/s: {carried} (RK4 is stable to"
+                f" {LARGEST_STABLE_MODE})"
+            )
+        modes = {"without load": self.unloaded, self._load_phrase: self.loaded}
         for when, mode in modes.items():
             size = self.step * mode.rate
             known = f"{mode.rate:.4g} 1/s ({mode.rate / (2 * math.pi):.3g} Hz) at joint {mode.joint}"
             remark = ""
-            if ACCURATE < size <= STABLE:
-                remark = f"; beyond {ACCURATE} RK4's error shows: mind the accuracy"
-            said.append(f"fastest mode {when}: {known}, {size:.3g} rad a step, possible is {STABLE}{remark}")
-        if self.unstable_from and self.step * self.loaded.rate <= STABLE:
+            if LARGEST_ACCURATE_MODE < size <= LARGEST_STABLE_MODE:
+                remark = f"; beyond {LARGEST_ACCURATE_MODE} RK4's error shows: mind the accuracy"
+            said.append(
+                f"fastest mode {when}: {known}, {size:.3g} rad a step, possible is {LARGEST_STABLE_MODE}{remark}"
+            )
+        if self.unstable_from and self.step * self.loaded.rate <= LARGEST_STABLE_MODE:
             where = ", ".join(f"{torque:.3g} at joint {j}" for j, torque in self.unstable_from)
             said.append(f"unstable from joint torques of {where} on, where the springs are too stiff for the step")
         return said
 
     @property
-    def _load(self) -> str:
+    def _load_phrase(self) -> str:
         if self.loaded == self.unloaded:
             return "without load"
         return "at the torque limits"
 
 
-def examine(graphs: Graphs) -> Examination:
+def examine_step(graphs: Graphs) -> StepExamination:
     """Examine whether the step of the robot file carries the model.
 
     Args:
@@ -150,19 +159,19 @@ def examine(graphs: Graphs) -> Examination:
         ValueError: The parameters give no numbers.
 
     """
-    model, linear = graphs.model, _Linear(graphs)
+    model, linear = graphs.model, _Linearization(graphs)
     joints, step = model.robot.joints, model.robot.step
     limit, law = np.zeros(model.n), np.zeros(model.n)
     for j in model.flexible:
         limit[j - 1] = joints[j - 1].limits.torque or 0.0
         law[j - 1] = joints[j - 1].drive.law_torque.nominal  # type: ignore[union-attr]
-    unloaded, _ = linear.fastest(np.zeros(model.n))
-    loaded, _ = linear.fastest(limit)
-    friction, rate = _friction(linear)
+    unloaded, _ = linear.fastest_mode(np.zeros(model.n))
+    loaded, _ = linear.fastest_mode(limit)
+    friction, rate = _bound_friction_rates(linear)
     smallest = step
-    if model.stiff:
-        smallest = step / MOST_PARTS
-    return Examination(
+    if model.needs_stiff_step:
+        smallest = step / MOST_STEP_PARTS
+    return StepExamination(
         step,
         smallest,
         tuple(joint.drive.friction_smoothing.nominal for joint in joints),
@@ -170,11 +179,11 @@ def examine(graphs: Graphs) -> Examination:
         rate,
         unloaded,
         loaded,
-        _unstable_from(linear, law),
+        _find_unstable_torques(linear, law),
     )
 
 
-class _Linear:
+class _Linearization:
     """A at rest on a grid of configurations, for given joint torques; p nominal."""
 
     def __init__(self, graphs: Graphs) -> None:
@@ -184,14 +193,16 @@ class _Linear:
         smoothing = np.array([q.name.startswith("friction_smoothing_") for q in model.quantities])
         self.torsion, self.jacobian = functions["torsion"], functions["rhs_jacobian"]
         self.smooth = functions["prepare"](nominal)
-        self.frictionless = functions["prepare"](np.where(smoothing, nominal * WIDE, nominal))
-        stiff = {f"{state.name}_{j}" for _, state, j in model.memory if state.stiff}  # these have the L-stable step
+        self.frictionless = functions["prepare"](np.where(smoothing, nominal * FRICTIONLESS_FACTOR, nominal))
+        stiff = {
+            f"{state.name}_{j}" for _, state, j in model.effect_states if state.is_stiff
+        }  # these have the L-stable step
         self.names = [slot.name for slot in model.x_slots]
         self.kept = [k for k, name in enumerate(self.names) if name not in stiff]
         self.ratio = np.array([joint.drive.ratio.nominal for joint in model.robot.joints])
-        self.q = _grid(model)
+        self.q = _configuration_grid(model)
 
-    def at(self, torque: np.ndarray, c: Any, q: np.ndarray) -> np.ndarray:
+    def state_matrices(self, torque: np.ndarray, c: Any, q: np.ndarray) -> np.ndarray:
         """A (points × m × m) at configurations ``q`` (points × n) with joint torques (n), no stiff memories in it."""
         torsion = np.array(self.torsion(torque, c)).ravel()
         x = np.zeros((len(self.names), len(q)))
@@ -208,11 +219,11 @@ class _Linear:
         whole = by_x.reshape((len(self.names), len(self.names), len(q)), order="F").transpose(2, 0, 1)
         return whole[:, self.kept][:, :, self.kept]
 
-    def fastest(self, torque: np.ndarray, q: np.ndarray | None = None) -> tuple[Mode, np.ndarray]:
+    def fastest_mode(self, torque: np.ndarray, q: np.ndarray | None = None) -> tuple[Mode, np.ndarray]:
         """The fastest mode without smooth friction, and the configuration (1 × n) where it is."""
         if q is None:
             q = self.q
-        values, vectors = np.linalg.eig(self.at(torque, self.frictionless, q))
+        values, vectors = np.linalg.eig(self.state_matrices(torque, self.frictionless, q))
         point, which = np.unravel_index(np.argmax(np.abs(values)), values.shape)
         part = dict(zip((self.names[k] for k in self.kept), np.abs(vectors[point, :, which]), strict=True))
         moved = [  # motor speeds, in which joints of both kinds compare
@@ -222,23 +233,23 @@ class _Linear:
         return Mode(float(np.abs(values[point, which])), int(np.argmax(moved)) + 1), q[point : point + 1]
 
 
-def _unstable_from(linear: _Linear, law: np.ndarray) -> tuple[tuple[int, float], ...]:
+def _find_unstable_torques(linear: _Linearization, law: np.ndarray) -> tuple[tuple[int, float], ...]:
     """Joint torques from which the step is unstable, all loaded to the same share of ``law``, N m or N (n)."""
     step = linear.model.robot.step
-    at_law, where = linear.fastest(law)
-    if step * at_law.rate <= STABLE:
+    at_law, where = linear.fastest_mode(law)
+    if step * at_law.rate <= LARGEST_STABLE_MODE:
         return ()
     inside, outside = 0.0, 1.0
     for _ in range(20):
         share = 0.5 * (inside + outside)
-        if step * linear.fastest(share * law, where)[0].rate > STABLE:
+        if step * linear.fastest_mode(share * law, where)[0].rate > LARGEST_STABLE_MODE:
             outside = share
         else:
             inside = share
     return tuple((j, float(inside * law[j - 1])) for j in linear.model.flexible)
 
 
-def _friction(linear: _Linear) -> tuple[tuple[float, ...], float]:
+def _bound_friction_rates(linear: _Linearization) -> tuple[tuple[float, ...], float]:
     """For each joint a bound of the rate that its smooth friction has a part in, and the fastest rate, 1/s.
 
     The bound is the joint's column of |F| in motor speeds, summed. No eigenvalue lies beyond the largest sum and a
@@ -247,7 +258,9 @@ def _friction(linear: _Linear) -> tuple[tuple[float, ...], float]:
     """
     model = linear.model
     rest = np.zeros(model.n)
-    difference = linear.at(rest, linear.smooth, linear.q) - linear.at(rest, linear.frictionless, linear.q)
+    difference = linear.state_matrices(rest, linear.smooth, linear.q) - linear.state_matrices(
+        rest, linear.frictionless, linear.q
+    )
     names = [linear.names[k] for k in linear.kept]
     slide = [names.index(name) for name in slide_velocities(model)]
     F = difference[:, slide][:, :, slide]
@@ -256,10 +269,10 @@ def _friction(linear: _Linear) -> tuple[tuple[float, ...], float]:
     return tuple(float(value) for value in sums), float(np.abs(np.linalg.eigvals(F)).max())
 
 
-def _grid(model: Model) -> np.ndarray:
+def _configuration_grid(model: Model) -> np.ndarray:
     """Configurations (points × n): full turns of every revolute joint but the first, on which A hardly depends, with
     straight and folded arm; the stated range of every prismatic joint, ±1 m where none is stated."""
-    count = 2 * max(2, int(POINTS ** (1 / max(model.n - 1, 1)) / 2))
+    count = 2 * max(2, int(STABILITY_GRID_POINTS ** (1 / max(model.n - 1, 1)) / 2))
     axes: list[np.ndarray] = []
     for joint in model.robot.joints:
         if joint.kind == "prismatic":
@@ -271,7 +284,7 @@ def _grid(model: Model) -> np.ndarray:
     return np.array(list(itertools.product(*axes)))
 
 
-def _rounded(value: float, toward: Any) -> str:
+def _round_to_three_digits(value: float, toward: Any) -> str:
     """Three digits, rounded up (math.ceil) or down (math.floor)."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{toward(value / unit) * unit:.3g}"

@@ -13,9 +13,9 @@ import casadi as ca
 
 from gen.model.right_hand_side import Preparation
 
-BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
-COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
-CALLS = {
+BINARY_OPERATORS = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
+COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+C_FUNCTIONS = {
     ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_SQRT: "sqrt", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan",
     ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_SINH: "sinh", ca.OP_COSH: "cosh",
     ca.OP_TANH: "tanh", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FABS: "fabs", ca.OP_POW: "pow",
@@ -24,16 +24,25 @@ CALLS = {
     ca.OP_EXPM1: "expm1", ca.OP_HYPOT: "hypot", ca.OP_ERF: "erf",
 }  # fmt: skip
 
-Place = Callable[[int, int], str]  # (argument, entry) -> C expression
+EntryText = Callable[[int, int], str]  # (argument, entry) -> C expression
 Operation = Callable[[int, str, str, str], str]  # (operation, result's name, operands) -> C statement
-PAIRS = {ca.OP_POW, ca.OP_CONSTPOW, ca.OP_FMIN, ca.OP_FMAX, ca.OP_ATAN2, ca.OP_FMOD, ca.OP_COPYSIGN, ca.OP_HYPOT}
+TWO_ARGUMENT_FUNCTIONS = {
+    ca.OP_POW,
+    ca.OP_CONSTPOW,
+    ca.OP_FMIN,
+    ca.OP_FMAX,
+    ca.OP_ATAN2,
+    ca.OP_FMOD,
+    ca.OP_COPYSIGN,
+    ca.OP_HYPOT,
+}
 
 
 class EmitError(Exception):
     """An operation that this printer does not know."""
 
 
-def number(value: float) -> str:
+def format_double(value: float) -> str:
     """Print a double as C text that reads back to the same bits.
 
     Args:
@@ -71,14 +80,14 @@ def scalar_operation(op: int, name: str, a: str, b: str) -> str:
         EmitError: This printer does not know the operation.
 
     """
-    if op in BINARY:
-        text = f"{a} {BINARY[op]} {b}"
-    elif op in COMPARE:
-        text = f"(double)({a} {COMPARE[op]} {b})"
-    elif op in PAIRS:
-        text = f"{CALLS[op]}({a}, {b})"
-    elif op in CALLS:
-        text = f"{CALLS[op]}({a})"
+    if op in BINARY_OPERATORS:
+        text = f"{a} {BINARY_OPERATORS[op]} {b}"
+    elif op in COMPARISONS:
+        text = f"(double)({a} {COMPARISONS[op]} {b})"
+    elif op in TWO_ARGUMENT_FUNCTIONS:
+        text = f"{C_FUNCTIONS[op]}({a}, {b})"
+    elif op in C_FUNCTIONS:
+        text = f"{C_FUNCTIONS[op]}({a})"
     else:
         special = {
             ca.OP_NEG: f"-{a}",
@@ -114,17 +123,17 @@ def vector_operation(kind: str) -> Operation:
 
     def operation(op: int, name: str, a: str, b: str) -> str:
         if op in called:
-            function = CALLS.get(op, "sign")
+            function = C_FUNCTIONS.get(op, "sign")
             operands = f"&{a}"
-            if op in PAIRS:
+            if op in TWO_ARGUMENT_FUNCTIONS:
                 operands = f"&{a}, &{b}"
             return f"{kind} {name}; {kind}_{function}({operands}, &{name});"
-        if op in COMPARE:
+        if op in COMPARISONS:
             one = f"({kind}_bits)(1.0 - ({kind}){{0}})"  # a comparison is a mask
-            return f"const {kind} {name} = ({kind})(({a} {COMPARE[op]} {b}) & {one});"
+            return f"const {kind} {name} = ({kind})(({a} {COMPARISONS[op]} {b}) & {one});"
         simple = {ca.OP_NEG: f"-{a}", ca.OP_SQ: f"{a} * {a}", ca.OP_TWICE: f"{a} + {a}", ca.OP_INV: f"1.0 / {a}"}
-        if op in BINARY:
-            simple[op] = f"{a} {BINARY[op]} {b}"
+        if op in BINARY_OPERATORS:
+            simple[op] = f"{a} {BINARY_OPERATORS[op]} {b}"
         if op in simple:
             return f"const {kind} {name} = {simple[op]};"
         one = scalar_operation(op, "one", f"{a}[i]", f"{b}[i]")  # without a vector form: lane by lane
@@ -134,8 +143,8 @@ def vector_operation(kind: str) -> Operation:
     return operation
 
 
-def body(
-    f: ca.Function, read: Place, write: Place, operation: Operation = scalar_operation, kind: str = "double"
+def emit_body(
+    f: ca.Function, read: EntryText, write: EntryText, operation: Operation = scalar_operation, kind: str = "double"
 ) -> list[str]:
     """Print the instructions of a function.
 
@@ -162,9 +171,9 @@ def body(
             lines.append(f"{write(out[0], out[1])} = {holds[into[0]]};")
             continue
         if op == ca.OP_CONST and kind == "double":
-            lines.append(f"const double {name} = {number(f.instruction_constant(k))};")
+            lines.append(f"const double {name} = {format_double(f.instruction_constant(k))};")
         elif op == ca.OP_CONST:
-            lines.append(f"const {kind} {name} = {number(f.instruction_constant(k))} - ({kind}){{0}};")
+            lines.append(f"const {kind} {name} = {format_double(f.instruction_constant(k))} - ({kind}){{0}};")
         elif op == ca.OP_INPUT:
             lines.append(f"const {kind} {name} = {read(into[0], into[1])};")
         else:
@@ -174,7 +183,7 @@ def body(
     return lines
 
 
-def signature(f: ca.Function, name: str) -> str:
+def c_signature(f: ca.Function, name: str) -> str:
     """Print the signature `void hda_<name>(const double *…, double *…)`.
 
     Args:
@@ -207,20 +216,20 @@ def scalar_function(f: ca.Function, name: str, head: str = "") -> str:
         EmitError: The printer does not know an operation.
 
     """
-    lines = body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
+    lines = emit_body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
     computed = [line for line in lines if line.startswith("const ")]
     stored = [line for line in lines if not line.startswith("const ")]
-    unused = [f"(void){f.name_in(k)};" for k in range(f.n_in()) if k not in _read(f)]
+    unused = [f"(void){f.name_in(k)};" for k in range(f.n_in()) if k not in _find_inputs_read(f)]
     return (
-        f"{head or signature(f, name)} {{\n" + "".join(f"    {line}\n" for line in unused + computed + stored) + "}\n"
+        f"{head or c_signature(f, name)} {{\n" + "".join(f"    {line}\n" for line in unused + computed + stored) + "}\n"
     )
 
 
-def _read(f: ca.Function) -> set[int]:
+def _find_inputs_read(f: ca.Function) -> set[int]:
     return {f.instruction_input(k)[0] for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_INPUT}
 
 
-def preparation(prepared: Preparation) -> str:
+def emit_preparation(prepared: Preparation) -> str:
     """Print `hda_prepare`: the springs' inverses joint by joint, then all other constants.
 
     Args:

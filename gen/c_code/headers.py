@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from gen.c_code.emitter import signature
+from gen.c_code.emitter import c_signature
 from gen.model.arm_model import Model
 from gen.model.compliance_laws import Law
-from gen.model.emitted_function import Emitted
+from gen.model.emitted_function import EmittedFunction
 
 # of the L-stable step, as a share of each state's bound: 6e-8 rad at worst on a link after 3 s, where 1e-6 is allowed
-TOLERANCE = 1e-6
-MOST_PARTS = 1024
+STEP_TOLERANCE = 1e-6
+MOST_STEP_PARTS = 1024
 
-STEPS = (
+STEP_FUNCTIONS = (
     ("step", (("x", "NX"), ("u", "NU"), ("c", "NC"), ("h", "1")), (("next", "NX"),), "one step with smooth friction"),
     (
         "step_exact",
@@ -31,7 +31,7 @@ STEPS = (
 )
 
 
-def sizes(model: Model, c: int, build: str, lanes: bool, reference: int | None = None) -> str:
+def emit_sizes(model: Model, c: int, build: str, lanes: bool, reference: int | None = None) -> str:
     """Print hda_sizes.h.
 
     Args:
@@ -54,16 +54,16 @@ def sizes(model: Model, c: int, build: str, lanes: bool, reference: int | None =
         "HDA_NU": len(model.u_slots),
         "HDA_NP": len(model.quantities),
         "HDA_NC": c,
-        "HDA_STIFF": int(model.stiff),
+        "HDA_STIFF": int(model.needs_stiff_step),
         "HDA_LANES": int(lanes),
-        "HDA_TOLERANCE": TOLERANCE,
-        "HDA_MOST_PARTS": MOST_PARTS,
+        "HDA_TOLERANCE": STEP_TOLERANCE,
+        "HDA_MOST_PARTS": MOST_STEP_PARTS,
         "HDA_POSITION": names.index("joint_position_1"),
         "HDA_SLIDE": "{" + ", ".join(map(str, slide)) + "}",
-        "HDA_BOUND": _array(slot.bound for slot in model.x_slots),
-        "HDA_INPUT_BOUND": _array(slot.bound for slot in model.u_slots),
-        "HDA_WIDTH": _array(_widths(model)),
-        "HDA_NOMINAL": _array(q.nominal for q in model.quantities),
+        "HDA_BOUND": _c_array(slot.bound for slot in model.x_slots),
+        "HDA_INPUT_BOUND": _c_array(slot.bound for slot in model.u_slots),
+        "HDA_WIDTH": _c_array(_difference_widths(model)),
+        "HDA_NOMINAL": _c_array(q.nominal for q in model.quantities),
         "HDA_STEP": repr(model.robot.step),
         "HDA_BUILD": f'"{build}"',
     }
@@ -71,7 +71,7 @@ def sizes(model: Model, c: int, build: str, lanes: bool, reference: int | None =
         defines["HDA_REFERENCE_MAX"] = reference
     lines = "".join(f"#define {name} {value}\n" for name, value in defines.items())
     meaning = "Sizes of this model, p's nominal values, the step it is meant for (s), the build it belongs to."
-    return guarded("HDA_SIZES_H", meaning, lines)
+    return add_include_guard("HDA_SIZES_H", meaning, lines)
 
 
 def slide_velocities(model: Model) -> list[str]:
@@ -93,11 +93,11 @@ def slide_velocities(model: Model) -> list[str]:
     return names
 
 
-def _array(values: Iterable[float]) -> str:
+def _c_array(values: Iterable[float]) -> str:
     return "{" + ", ".join(repr(float(value)) for value in values) + "}"
 
 
-def _widths(model: Model) -> Iterator[float]:
+def _difference_widths(model: Model) -> Iterator[float]:
     """A size of every entry of x, u and p, for differences where it is 0; wide for u, where a step is nearly linear."""
     yield from (0.01 * slot.bound for slot in model.x_slots)
     yield from (slot.bound for slot in model.u_slots)
@@ -105,7 +105,7 @@ def _widths(model: Model) -> Iterator[float]:
         yield 1e-3 * abs(q.nominal) or (q.high - q.low) or 1e-3
 
 
-def header(functions: tuple[Emitted, ...]) -> str:
+def emit_interface(functions: tuple[EmittedFunction, ...]) -> str:
     """Print hda.h, the whole interface of the library.
 
     Args:
@@ -115,8 +115,11 @@ def header(functions: tuple[Emitted, ...]) -> str:
         The C text.
 
     """
-    own = "".join(f"/* {f.meaning} */\nHDA_API {signature(f.graph, f.name)};\n" for f in functions)
-    steps = "".join(f"/* {meaning} */\nHDA_API {_declare(name, ins, outs)};\n" for name, ins, outs, meaning in STEPS)
+    own = "".join(f"/* {f.meaning} */\nHDA_API {c_signature(f.graph, f.name)};\n" for f in functions)
+    steps = "".join(
+        f"/* {meaning} */\nHDA_API {_declare_function(name, ins, outs)};\n"
+        for name, ins, outs, meaning in STEP_FUNCTIONS
+    )
     meaning = (
         "A compiled robot arm. Vectors are plain doubles, matrices stand column by column; the manifest\n"
         " * names every entry. c comes from hda_prepare(p, c), once for a set of parameters.\n"
@@ -124,10 +127,10 @@ def header(functions: tuple[Emitted, ...]) -> str:
     )
     includes = '#include "hda_guard.h"\n#include "hda_input.h"\n#include "hda_rollout.h"\n#include "hda_sizes.h"\n'
     opened, closed = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
-    return guarded("HDA_H", meaning, f"{includes}\n{opened}\n{own}\n{steps}\n{closed}")
+    return add_include_guard("HDA_H", meaning, f"{includes}\n{opened}\n{own}\n{steps}\n{closed}")
 
 
-def guarded(name: str, meaning: str, text: str) -> str:
+def add_include_guard(name: str, meaning: str, text: str) -> str:
     """Print a header that may be included twice.
 
     Args:
@@ -142,12 +145,12 @@ def guarded(name: str, meaning: str, text: str) -> str:
     return f"/* {meaning} */\n#ifndef {name}\n#define {name}\n\n{text}\n#endif\n"
 
 
-def _declare(name: str, ins: Any, outs: Any) -> str:
+def _declare_function(name: str, ins: Any, outs: Any) -> str:
     arguments = [f"const double *{a}" for a, _ in ins] + [f"double *{a}" for a, _ in outs]
     return f"void hda_{name}({', '.join(arguments)})"
 
 
-def table(functions: tuple[Emitted, ...], mpc: bool = False) -> str:
+def emit_call_table(functions: tuple[EmittedFunction, ...], mpc: bool = False) -> str:
     """Print hda_table.h: the functions that Python may call, with the length of every array.
 
     Args:
@@ -159,7 +162,10 @@ def table(functions: tuple[Emitted, ...], mpc: bool = False) -> str:
 
     """
     entries: list[Any] = [(f.name, f.inputs, f.outputs) for f in functions]
-    entries += [(name, list(map(_sized, ins)), list(map(_sized, outs))) for name, ins, outs, _ in STEPS]
+    entries += [
+        (name, list(map(_with_size_macro, ins)), list(map(_with_size_macro, outs)))
+        for name, ins, outs, _ in STEP_FUNCTIONS
+    ]
     calls, rows = [], []
     for name, ins, outs in entries:
         arguments = ", ".join(f"a[{k}]" for k in range(len(ins) + len(outs)))
@@ -174,10 +180,10 @@ def table(functions: tuple[Emitted, ...], mpc: bool = False) -> str:
     )
     text = f"{''.join(calls)}\nstatic const hda_entry hda_table[] = {{\n{listed}}};\n"
     included = '#include "hda_bridge.h"\n' + '#include "hda_mpc_bridge.h"\n' * mpc + '#include "hda_entry.h"\n'
-    return guarded("HDA_TABLE_H", "What Python may call.", f"{included}\n{text}")
+    return add_include_guard("HDA_TABLE_H", "What Python may call.", f"{included}\n{text}")
 
 
-def laws(found: tuple[Law, ...]) -> str:
+def emit_laws(found: tuple[Law, ...]) -> str:
     """Print hda_laws.h: the controllers by number, with the bounds of their gains.
 
     Args:
@@ -204,16 +210,16 @@ def laws(found: tuple[Law, ...]) -> str:
     meaning = (
         "The controllers: name, and numbers of gains, reference values and memory. The manifest names every entry."
     )
-    return guarded("HDA_LAWS_H", meaning, f"{numbers}#define HDA_LAW_LIST(HDA_LAW) \\\n{rows}\n{lines}")
+    return add_include_guard("HDA_LAWS_H", meaning, f"{numbers}#define HDA_LAW_LIST(HDA_LAW) \\\n{rows}\n{lines}")
 
 
 def _rows_of_gains(found: tuple[Law, ...], which: str) -> str:
     """Nominal, low or high values of every law's gains as a C array."""
-    rows = [_array(getattr(gain, which) for gain in law.gains) for law in found]
+    rows = [_c_array(getattr(gain, which) for gain in law.gains) for law in found]
     return "{" + ", ".join(rows) + "}"
 
 
-def _sized(argument: tuple[str, str]) -> tuple[str, str]:
+def _with_size_macro(argument: tuple[str, str]) -> tuple[str, str]:
     """The argument with its size as a macro."""
     name, size = argument
     if size == "1":

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-WIDEST = 4  # of the vectors that are made
-SHORTEST = 8  # coefficients
+WIDEST_PACKED = 4  # of the vectors that are made
+SHORTEST_PACKED = 8  # coefficients
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Polynomial:
     terms: dict[int, int]
 
 
-def twice(width: int) -> int:
+def packed_width(width: int) -> int:
     """Find the width of the vectors in which a lane's polynomials are computed.
 
     Args:
@@ -34,12 +34,14 @@ def twice(width: int) -> int:
         Twice the width, or the same where that would be wider than WIDEST.
 
     """
-    if 2 * width <= WIDEST:
+    if 2 * width <= WIDEST_PACKED:
         return 2 * width
     return width
 
 
-def pack(f: ca.Function, lines: list[str], constants: int, width: int, at: Callable[[int], str]) -> list[str]:
+def pack_polynomials(
+    f: ca.Function, lines: list[str], constants: int, width: int, at: Callable[[int], str]
+) -> list[str]:
     """Pack the long polynomials of a lane.
 
     Args:
@@ -53,17 +55,17 @@ def pack(f: ca.Function, lines: list[str], constants: int, width: int, at: Calla
         The statements with packed polynomials.
 
     """
-    if twice(width) == width:
+    if packed_width(width) == width:
         return lines
-    reads = _reads(f)
-    found = {k: p for k, p in _polynomials(f, reads, constants).items() if _long(p)}
+    reads = _instructions_read(f)
+    found = {k: p for k, p in _find_polynomials(f, reads, constants).items() if _is_worth_packing(p)}
     packed: dict[int, list[str]] = {}
     wanted: set[int | None] = set()
     for k in reversed(range(len(lines))):
         if k not in wanted and f.instruction_id(k) != ca.OP_OUTPUT:
             continue
         if k in found:
-            packed[k] = _evaluation(k, found[k], width, at)
+            packed[k] = _emit_estrin(k, found[k], width, at)
             wanted.add(found[k].x)
         else:
             packed[k] = [lines[k]]
@@ -71,7 +73,7 @@ def pack(f: ca.Function, lines: list[str], constants: int, width: int, at: Calla
     return [line for k in sorted(packed) for line in packed[k]]
 
 
-def _reads(f: ca.Function) -> list[tuple[int, ...]]:
+def _instructions_read(f: ca.Function) -> list[tuple[int, ...]]:
     """For each instruction, the instructions whose results it reads."""
     holds: dict[int, int] = {}
     out: list[tuple[int, ...]] = []
@@ -86,7 +88,7 @@ def _reads(f: ca.Function) -> list[tuple[int, ...]]:
     return out
 
 
-def _polynomials(f: ca.Function, reads: list[tuple[int, ...]], constants: int) -> dict[int, Polynomial]:
+def _find_polynomials(f: ca.Function, reads: list[tuple[int, ...]], constants: int) -> dict[int, Polynomial]:
     """Every instruction whose result is a polynomial with plain constants as coefficients."""
     powers: dict[int, tuple[int, int]] = {}  # instruction -> (x, power)
     found: dict[int, Polynomial] = {}
@@ -112,14 +114,14 @@ def _polynomials(f: ca.Function, reads: list[tuple[int, ...]], constants: int) -
     return found
 
 
-def _long(p: Polynomial) -> bool:
+def _is_worth_packing(p: Polynomial) -> bool:
     powers = sorted(p.terms)
     first = p.terms[powers[0]]
     whole = powers == list(range(len(powers))) and all(p.terms[m] == first + m for m in powers)
-    return len(powers) >= SHORTEST and whole
+    return len(powers) >= SHORTEST_PACKED and whole
 
 
-def _evaluation(k: int, p: Polynomial, width: int, at: Callable[[int], str]) -> list[str]:
+def _emit_estrin(k: int, p: Polynomial, width: int, at: Callable[[int], str]) -> list[str]:
     """Statements for t<k>: Estrin's scheme in x² over pairs of coefficients, then even + x odd."""
     wide, kind, x, me = f"v{2 * width}", f"v{width}", f"t{p.x}", f"t{k}"
     repeated = ", ".join(f"{me}_square[{i}]" for i in [*range(width)] * 2)

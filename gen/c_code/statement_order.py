@@ -9,20 +9,20 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-WAIT = (  # cycles, about
+CALL_CYCLES = (  # cycles, about
     ("_tanh(", 60), ("_tan(", 65), ("_atan(", 65), ("_exp(", 45), ("_sin(", 45), ("_cos(", 45), ("1.0 / ", 18),
 )  # fmt: skip
-SIMPLE = 4
-MADE = re.compile(r"^(?:const )?\w+ (\w+)(?: = |;)")
-STORED = re.compile(r"^([^ ]+) = ")
+SIMPLE_CYCLES = 4
+ASSIGNMENT = re.compile(r"^(?:const )?\w+ (\w+)(?: = |;)")
+STORE = re.compile(r"^([^ ]+) = ")
 
 
-def wait(line: str) -> int:
+def estimate_cycles(line: str) -> int:
     """Cycles, about, of one statement."""
-    return next((cycles for sign, cycles in WAIT if sign in line), SIMPLE)
+    return next((cycles for sign, cycles in CALL_CYCLES if sign in line), SIMPLE_CYCLES)
 
 
-def urgency(lines: Sequence[str], after: Mapping[str, int] | None = None) -> list[int]:
+def measure_urgency(lines: Sequence[str], after: Mapping[str, int] | None = None) -> list[int]:
     """Estimate how long the end waits for each single assignment.
 
     Args:
@@ -33,28 +33,28 @@ def urgency(lines: Sequence[str], after: Mapping[str, int] | None = None) -> lis
         The cycles, about, from each statement's result to the end.
 
     """
-    made = {found[1]: k for k, line in enumerate(lines) if (found := MADE.match(line))}
+    made = {found[1]: k for k, line in enumerate(lines) if (found := ASSIGNMENT.match(line))}
     out = [0] * len(lines)
     for k in reversed(range(len(lines))):
-        if found := STORED.match(lines[k]):
+        if found := STORE.match(lines[k]):
             out[k] = (after or {}).get(found[1], 0)
         for name in set(re.findall(r"\w+", lines[k])) & made.keys():
             source = made[name]
             if source != k:
-                out[source] = max(out[source], out[k] + wait(lines[k]))
+                out[source] = max(out[source], out[k] + estimate_cycles(lines[k]))
     return out
 
 
-def arrange(lines: Sequence[str], after: Mapping[str, int] | None = None) -> list[str]:
+def arrange_statements(lines: Sequence[str], after: Mapping[str, int] | None = None) -> list[str]:
     """Put the most urgent statements first; the values that a statement reads are always more urgent than itself.
 
     Args:
         lines: The statements.
-        after: As for `urgency`.
+        after: As for `measure_urgency`.
 
     Returns:
         The statements in their new order.
 
     """
-    urgent = urgency(lines, after)
+    urgent = measure_urgency(lines, after)
     return [lines[k] for k in sorted(range(len(lines)), key=lambda k: -urgent[k])]

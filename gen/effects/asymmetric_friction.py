@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def level(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_friction_level(s: Signals, p: Mapping[str, Any]) -> Any:
     """a s: more in one direction, less in the other, and as before at rest."""
     return p["asymmetric_torque"] * s.direction
 
@@ -27,7 +27,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("asymmetric_torque",),
-    equation=level,
+    equation=compute_friction_level,
     citation="Armstrong-Hélouvry, Control of Machines with Friction (1991), 4: a quarter apart in the joints of a "
     "PUMA 560",
 )

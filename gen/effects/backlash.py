@@ -9,7 +9,7 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def angle(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_play(s: Signals, p: Mapping[str, Any]) -> Any:
     """φ held within ±b/2: the springs see what is beyond."""
     half = 0.5 * p["backlash_angle"]
     return ca.fmax(ca.fmin(s.torsion, half), -half)
@@ -22,8 +22,8 @@ EFFECT = Effect(
         Parameter("backlash_angle", "rad", 0.0, 0.0, 0.05, "width of the dead zone", typical=0.0005, sliding="m"),
     ),
     amplitudes=("backlash_angle",),
-    equation=angle,
+    equation=compute_play,
     citation="Nordin, Gutman, Automatica 38 (2002) 1633; size: 1 to 3 arcmin of a worn drive with its coupling, "
     "Harmonic Drive, CSG/CSF catalogue (2018), Oldham coupling",
-    rigid=False,
+    suits_rigid_drive=False,
 )

@@ -7,7 +7,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """−C J r′, the inertial torque of the turning base, with ṁ = r, r′ = −ω² (m + τ) − 2 ζ ω r. Links farther out
     are taken to turn with the first."""
     m, rate = s.states["base_moment"], s.states["base_moment_rate"]
@@ -30,12 +30,12 @@ EFFECT = Effect(
         Parameter("base_damping", "1", 0.05, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.05, 0.2)),
     ),
     amplitudes=("base_compliance",),
-    equation=torque,
+    equation=compute_torque,
     citation="Lew, Moon, IEEE/ASME Trans. Mechatronics 6 (2001) 123, a base as one mode; size: a bench of 5e4 N m/rad",
     states=(
         State("base_moment", "N m", 100.0, "deflection of the base by its compliance"),
         State("base_moment_rate", "N m/s", 2e4, "its rate"),
     ),
     joints="first",
-    prismatic=False,
+    suits_prismatic_joint=False,
 )

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """−k (q − q_0)."""
     return -p["cable_stiffness"] * (s.joint_position - p["cable_rest"])
 
@@ -28,7 +28,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("cable_stiffness",),
-    equation=torque,
+    equation=compute_torque,
     citation="Siciliano et al., Robotics (2009), 7.2, an elastic force in the joint; size: a dress pack of 1 to 5 "
     "N m at one radian on an arm of 10 N m",
 )

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def late(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_delay(s: Signals, p: Mapping[str, Any]) -> Any:
     """d: what acts at t was commanded at t − d (`hda_input.c`; a part of a row is read as the mean over it)."""
     return p["command_delay"]
 
@@ -16,7 +16,7 @@ EFFECT = Effect(
     port=Port.DELAY,
     parameters=(Parameter("command_delay", "s", 0.0, 0.0, 0.05, "time from a command to its effect", typical=0.003),),
     amplitudes=("command_delay",),
-    equation=late,
+    equation=compute_delay,
     citation="Åström, Murray, Feedback Systems (2008), 8.2; size: two to three cycles of 1 ms of a CANopen drive "
     "(CiA 402 cyclic modes, 2016)",
 )

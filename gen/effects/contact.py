@@ -8,10 +8,10 @@ import casadi as ca
 
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
-SOFT = 3.0  # N m/rad, of a joint's cables: without an obstacle nothing stiffer is in its way
+USUAL_SOFT_STIFFNESS = 3.0  # N m/rad, of a joint's cables: without an obstacle nothing stiffer is in its way
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """−k_a max(q − q_a, 0) (1 + c q̇)⁺ + k_b max(q_b − q, 0) (1 − c q̇)⁺: it damps and never holds back."""
     above = ca.fmax(s.joint_position - p["contact_above"], 0)
     below = ca.fmax(p["contact_below"] - s.joint_position, 0)
@@ -34,7 +34,7 @@ EFFECT = Effect(
             "of what is met above an angle",
             typical=100.0,
             sliding="N/m",
-            everywhere=SOFT,
+            everywhere=USUAL_SOFT_STIFFNESS,
         ),
         Parameter(
             "contact_stiffness_below",
@@ -45,7 +45,7 @@ EFFECT = Effect(
             "of what is met below an angle",
             typical=100.0,
             sliding="N/m",
-            everywhere=SOFT,
+            everywhere=USUAL_SOFT_STIFFNESS,
         ),
         Parameter(
             "contact_above",
@@ -79,6 +79,6 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("contact_stiffness_above", "contact_stiffness_below"),
-    equation=torque,
+    equation=compute_torque,
     citation="Hunt, Crossley, J. Appl. Mech. 42 (1975) 440; size: foam or a hose, 1e4 N/m at 0.1 m",
 )

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Port, Signals
 
 
-def level(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_friction_level(s: Signals, p: Mapping[str, Any]) -> Any:
     """τ_c; its sign against the motion is the drive's, smooth or set-valued."""
     return p["coulomb_friction"]
 
@@ -16,8 +16,8 @@ EFFECT = Effect(
     port=Port.FRICTION,
     parameters=(),
     amplitudes=("coulomb_friction",),
-    equation=level,
+    equation=compute_friction_level,
     citation="paper (17), (18) corrected: friction opposes motion; Olsson et al., Eur. J. Control 4 (1998) 176, "
     "(1); size: catalogues give starting torque to ±50 %, Harmonic Drive, CSG/CSF catalogue (2018)",
-    sizes={"coulomb_friction": 0.5},
+    usual_shares={"coulomb_friction": 0.5},
 )

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """b."""
     return p["bias"]
 
@@ -20,7 +20,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("bias",),
-    equation=torque,
+    equation=compute_torque,
     citation="Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), offset of the measured "
     "force, with its size",
 )

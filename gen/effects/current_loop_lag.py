@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def constant(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_time_constant(s: Signals, p: Mapping[str, Any]) -> Any:
     """T of T di/dt = u − i, solved exactly over a row (`hda_input.c`)."""
     return p["current_lag"]
 
@@ -16,7 +16,7 @@ EFFECT = Effect(
     port=Port.LAG,
     parameters=(Parameter("current_lag", "s", 0.0, 0.0, 0.05, "time constant of the current loop", typical=0.002),),
     amplitudes=("current_lag",),
-    equation=constant,
+    equation=compute_time_constant,
     citation="Krishnan, Permanent Magnet Synchronous and Brushless DC Motor Drives (2010), 3; size: a current loop"
     " of 80 Hz, slow for an EPOS4 and usual where the drive filters its set value",
 )

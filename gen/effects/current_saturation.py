@@ -8,7 +8,7 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def limited(s: Signals, p: Mapping[str, Any]) -> Any:
+def limit_current(s: Signals, p: Mapping[str, Any]) -> Any:
     """i / max(1, |i| s)."""
     return s.current / ca.fmax(1, ca.fabs(s.current) * p["saturation_inverse"])
 
@@ -29,7 +29,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("saturation_inverse",),
-    equation=limited,
+    equation=limit_current,
     citation="Khalil, Nonlinear Systems (2002), 1.2.7; size: maxon, EPOS4 Firmware Specification (2023), nominal "
     "against output current limit, a factor of two",
 )

@@ -88,8 +88,8 @@ class State:
     unit: str
     bound: float
     meaning: str
-    stiff: bool = False
-    slowed: bool = False
+    is_stiff: bool = False
+    is_rate_limited: bool = False
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Effect:
     equation: Callable[[Signals, Mapping[str, Any]], Any]
     citation: str
     states: tuple[State, ...] = ()
-    rigid: bool = True
+    suits_rigid_drive: bool = True
     joints: str = "each"
-    prismatic: bool = True
-    sizes: Mapping[str, float] = field(default_factory=dict, hash=False)
+    suits_prismatic_joint: bool = True
+    usual_shares: Mapping[str, float] = field(default_factory=dict, hash=False)

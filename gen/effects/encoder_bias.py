@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def error(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_reading_error(s: Signals, p: Mapping[str, Any]) -> Any:
     """b."""
     return p["encoder_bias"]
 
@@ -20,7 +20,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("encoder_bias",),
-    equation=error,
+    equation=compute_reading_error,
     citation="Mooring, Roth, Driels, Fundamentals of Manipulator Calibration (1991), joint offsets; size: 0.05°, "
     "what a mark on the housing gives",
 )

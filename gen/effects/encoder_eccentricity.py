@@ -9,7 +9,7 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def error(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_reading_error(s: Signals, p: Mapping[str, Any]) -> Any:
     """a sin q + b cos q − z."""
     q = s.joint_position
     return p["eccentricity_sine"] * ca.sin(q) + p["eccentricity_cosine"] * ca.cos(q) - p["eccentricity_zero"]
@@ -30,7 +30,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("eccentricity_sine", "eccentricity_cosine", "eccentricity_zero"),
-    equation=error,
+    equation=compute_reading_error,
     citation="Sanchez-Brea, Morlanes, Meas. Sci. Technol. 19 (2008) 115104; size: 20 µm on a disc of 80 mm diameter",
-    prismatic=False,
+    suits_prismatic_joint=False,
 )

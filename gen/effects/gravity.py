@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Port, Signals
 
 
-def field(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_gravity(s: Signals, p: Mapping[str, Any]) -> Any:
     """(g_x, g_y)."""
     return p["gravity_x"], p["gravity_y"]
 
@@ -16,7 +16,7 @@ EFFECT = Effect(
     port=Port.BASE,
     parameters=(),
     amplitudes=("gravity_x", "gravity_y"),
-    equation=field,
+    equation=compute_gravity,
     citation="Lagrangian of the chain (`gen.model.lagrangian`)",
     joints="arm",
 )

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def field(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_gravity(s: Signals, p: Mapping[str, Any]) -> Any:
     """(t_x, t_y), added to gravity."""
     return p["tilt_x"], p["tilt_y"]
 
@@ -23,7 +23,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("tilt_x", "tilt_y"),
-    equation=field,
+    equation=compute_gravity,
     citation="Lagrangian of the chain (`gen.model.lagrangian`); size: 5° of 9.81 m/s²",
     joints="arm",
 )

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Port, Signals
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """d φ̇."""
     return p["torsional_damping"] * s.torsion_rate
 
@@ -16,9 +16,9 @@ EFFECT = Effect(
     port=Port.TRANSMISSION,
     parameters=(),
     amplitudes=("torsional_damping",),
-    equation=torque,
+    equation=compute_torque,
     citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, with a dashpot beside the spring; size: no "
     "catalogue gives it; what damps the spring of a CSG-17 (about 1e4 N m/rad) under 0.06 kg m² critically, 2 √(K M)",
-    rigid=False,
-    sizes={"torsional_damping": 8.0},
+    suits_rigid_drive=False,
+    usual_shares={"torsional_damping": 8.0},
 )

@@ -9,24 +9,25 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def angle(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torsion_error(s: Signals, p: Mapping[str, Any]) -> Any:
     """Σ_i a_i (s^i − s), i = 2…5: a polynomial that is continued from turn to turn; its linear part is a ratio
     error."""
     turn = s.motor_position / (2 * ca.pi * s.ratio)
     place = turn - ca.floor(turn)
-    return sum(p[name] * (place**i - place) for i, name in enumerate(NAMES, 2))
+    return sum(p[name] * (place**i - place) for i, name in enumerate(COEFFICIENT_NAMES, 2))
 
 
-NAMES = ("kinematic_square", "kinematic_cube", "kinematic_fourth", "kinematic_fifth")
+COEFFICIENT_NAMES = ("kinematic_square", "kinematic_cube", "kinematic_fourth", "kinematic_fifth")
 
 EFFECT = Effect(
     name="kinematic_torsion",
     port=Port.TORSION,
     parameters=tuple(
-        Parameter(name, "rad", 0.0, -0.1, 0.1, "coefficient over a turn of the output", typical=5e-4) for name in NAMES
+        Parameter(name, "rad", 0.0, -0.1, 0.1, "coefficient over a turn of the output", typical=5e-4)
+        for name in COEFFICIENT_NAMES
     ),
-    amplitudes=NAMES,
-    equation=angle,
+    amplitudes=COEFFICIENT_NAMES,
+    equation=compute_torsion_error,
     citation="paper (13), Fig. 14; size: 1 arcmin from peak to peak, Harmonic Drive, CSG/CSF catalogue (2018)",
-    rigid=False,
+    suits_rigid_drive=False,
 )

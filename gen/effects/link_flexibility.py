@@ -7,7 +7,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """m J (ω² a + 2 ζ ω (b − q̇)) with ȧ = b − q̇, ḃ = −ω² a − 2 ζ ω (b − q̇)."""
     a, slip = s.states["bending"], s.states["bending_speed"] - s.joint_velocity
     omega = p["link_frequency"]
@@ -33,12 +33,12 @@ EFFECT = Effect(
         Parameter("link_damping", "1", 0.02, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.02, 0.1)),
     ),
     amplitudes=("link_share",),
-    equation=torque,
+    equation=compute_torque,
     citation="Book, Int. J. Robot. Res. 3 (1984) 87, one mode; size: modal mass of a uniform beam's first mode, a "
     "quarter of it",
     states=(
         State("bending", "rad", 0.05, "deflection of the link"),
         State("bending_speed", "rad/s", 10.0, "speed of the oscillator"),
     ),
-    prismatic=False,
+    suits_prismatic_joint=False,
 )

@@ -9,7 +9,7 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def level(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_friction_level(s: Signals, p: Mapping[str, Any]) -> Any:
     """μ |τ / N|."""
     return p["load_share"] * ca.fabs(s.joint_torque / s.ratio)
 
@@ -23,7 +23,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("load_share",),
-    equation=level,
+    equation=compute_friction_level,
     citation="Hamon, Gautier, Garrec, Proc. IROS (2010) 187; size: efficiency of 65 to 85 % under load, Harmonic "
     "Drive, CSG/CSF catalogue (2018)",
 )

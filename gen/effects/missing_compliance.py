@@ -7,7 +7,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def share(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_series_spring(s: Signals, p: Mapping[str, Any]) -> Any:
     """(1 / (C K), d): a linear spring of 1/C with a dashpot beside it between rotor and link."""
     return 1 / (p["missing_compliance"] * p["flexspline_stiffness"]), p["missing_damping"]
 
@@ -38,7 +38,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("missing_compliance",),
-    equation=share,
+    equation=compute_series_spring,
     citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310; size: K1 of a CSG-17, Harmonic Drive, CSG/CSF "
     "catalogue (2018)",
 )

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def mass(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_tip_mass(s: Signals, p: Mapping[str, Any]) -> Any:
     """m_p, a point at the end of the last link."""
     return p["payload_mass"]
 
@@ -16,7 +16,7 @@ EFFECT = Effect(
     port=Port.MASS,
     parameters=(Parameter("payload_mass", "kg", 0.0, 0.0, 100.0, "point mass at the tip", typical=0.3),),
     amplitudes=("payload_mass",),
-    equation=mass,
+    equation=compute_tip_mass,
     citation="Lagrangian of the chain with a point mass at the tip; size: a small gripper, 0.3 kg",
     joints="last",
 )

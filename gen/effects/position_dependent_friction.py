@@ -9,7 +9,7 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def level(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_friction_level(s: Signals, p: Mapping[str, Any]) -> Any:
     """a sin q + b cos q."""
     return p["position_sine"] * ca.sin(s.joint_position) + p["position_cosine"] * ca.cos(s.joint_position)
 
@@ -40,7 +40,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("position_sine", "position_cosine"),
-    equation=level,
+    equation=compute_friction_level,
     citation="Popović, Goldenberg, IEEE Trans. Robot. Autom. 14 (1998) 114, friction by position, with its size",
-    prismatic=False,
+    suits_prismatic_joint=False,
 )

@@ -6,14 +6,16 @@ from typing import Any
 import casadi as ca
 
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
-from gen.effects.state_rate_limit import slowed
+from gen.effects.state_rate_limit import limit_displacement
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """a · level · (direction − z): the bristle takes the place of the sign of the speed;
     ż = (θ̇ − |θ̇| z) / max(δ, |θ̇| h), h a step, for at such speeds nothing can tell it from at once."""
     z = s.states["bristle"]
-    rate = (s.motor_velocity - ca.fabs(s.motor_velocity) * z) / slowed(p["presliding_angle"], s.motor_velocity, p)
+    rate = (s.motor_velocity - ca.fabs(s.motor_velocity) * z) / limit_displacement(
+        p["presliding_angle"], s.motor_velocity, p
+    )
     return p["presliding_share"] * s.friction_level * (s.direction - z), (rate,)
 
 
@@ -42,8 +44,8 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("presliding_share",),
-    equation=torque,
+    equation=compute_torque,
     citation="Dahl, TOR-0158 (1968); Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, (1)-(3); size: "
     "all of it does",
-    states=(State("bristle", "1", 1.0, "deflection against the displacement", stiff=True, slowed=True),),
+    states=(State("bristle", "1", 1.0, "deflection against the displacement", is_stiff=True, is_rate_limited=True),),
 )

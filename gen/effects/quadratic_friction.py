@@ -8,7 +8,7 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """−c θ̇ |θ̇|."""
     return -p["quadratic_friction"] * s.motor_velocity * ca.fabs(s.motor_velocity)
 
@@ -29,7 +29,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("quadratic_friction",),
-    equation=torque,
+    equation=compute_torque,
     citation="Tuttle, Seering, IEEE Trans. Robot. Autom. 12 (1996) 368, friction beyond linear in speed; size: "
     "30 % of the viscous part at 1 rad/s of the joint",
 )

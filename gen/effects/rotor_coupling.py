@@ -7,7 +7,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def share(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_reaction(s: Signals, p: Mapping[str, Any]) -> Any:
     """s: the rotor's kinetic energy is ½ J_m (θ̇ + s Ω)², Ω the angular velocity of the link that carries it."""
     return p["coupling"]
 
@@ -27,6 +27,6 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("coupling",),
-    equation=share,
+    equation=compute_reaction,
     citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, the term that is dropped there; size: whole",
 )

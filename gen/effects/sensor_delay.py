@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def error(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_reading_error(s: Signals, p: Mapping[str, Any]) -> Any:
     """−d q̇ + d² q̈ / 2."""
     d = p["sensor_delay"]
     return d * (0.5 * d * s.joint_acceleration - s.joint_velocity)
@@ -27,6 +27,6 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("sensor_delay",),
-    equation=error,
+    equation=compute_reading_error,
     citation="Taylor's series of q(t − d); size: two cycles of 1 ms of a field bus (CiA 402 (2016))",
 )

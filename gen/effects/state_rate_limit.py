@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 
-def slowed(length: Any, speed: Any, p: Mapping[str, Any]) -> Any:
+def limit_displacement(length: Any, speed: Any, p: Mapping[str, Any]) -> Any:
     """Limit the displacement over which a state builds up from below.
 
     It is at least the distance that ``speed`` covers in the integration's step. A state that builds up faster would be

@@ -7,7 +7,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """level · τ(φ), τ the exact inverse of the torsion law."""
     return p["stiffness_level"] * s.spring_torque
 
@@ -19,8 +19,8 @@ EFFECT = Effect(
         Parameter("stiffness_level", "1", 1.0, 0.0, 3.0, "level of both springs against the robot file's", typical=0.3),
     ),
     amplitudes=("stiffness_level",),
-    equation=torque,
+    equation=compute_torque,
     citation="paper (3)-(11), (19) corrected; size: catalogue stiffness holds to ±30 %, Harmonic Drive, CSG/CSF "
     "catalogue (2018)",
-    rigid=False,
+    suits_rigid_drive=False,
 )

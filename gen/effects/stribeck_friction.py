@@ -11,7 +11,7 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def level(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_friction_level(s: Signals, p: Mapping[str, Any]) -> Any:
     """τ_s exp(−z² (1 + √(1 + b²)) / (1 + √(1 + b² z²))), z = θ̇/ω_s."""
     z2, b2 = (s.motor_velocity / p["stribeck_speed"]) ** 2, p["stribeck_sharpness"] ** 2
     return p["stribeck_torque"] * ca.exp(-z2 * (1 + ca.sqrt(1 + b2)) / (1 + ca.sqrt(1 + b2 * z2)))
@@ -52,7 +52,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("stribeck_torque",),
-    equation=level,
+    equation=compute_friction_level,
     citation="Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083 (exponents 0.5 to 2); size: "
     "Kircanski, Goldenberg, Int. J. Robot. Res. 16 (1997) 214, harmonic drives",
 )

@@ -9,7 +9,7 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
 
-def share(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_friction_loss(s: Signals, p: Mapping[str, Any]) -> Any:
     """h z with ż = (|θ̇| / (|θ̇| + w) − z) / T: dry and viscous friction fall to 1 − h of what they were."""
     z, speed = s.states["warmth"], ca.fabs(s.motor_velocity)
     return p["thermal_share"] * z, ((speed / (speed + p["thermal_speed"]) - z) / p["thermal_time"],)
@@ -41,7 +41,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("thermal_share",),
-    equation=share,
+    equation=compute_friction_loss,
     citation="Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013, with its size; heat by friction's "
     "own power",
     states=(State("warmth", "1", 1.0, "share of the way to the warm drive"),),

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """k_t i."""
     if "torque_constant" in p:
         return p["torque_constant"] * s.current
@@ -29,8 +29,8 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("torque_constant", "torque_gain"),
-    equation=torque,
+    equation=compute_torque,
     citation="paper, Table II; size: data sheets give ±10 % at 25 °C and magnets lose 0.1 to 0.2 %/K (maxon, Key "
     "information (2021))",
-    sizes={"torque_constant": 0.15},
+    usual_shares={"torque_constant": 0.15},
 )

@@ -8,7 +8,7 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """a_1 sin kθ + b_1 cos kθ + a_2 sin 2kθ + b_2 cos 2kθ."""
     angle = p["ripple_order"] * s.motor_position
     once = p["ripple_sine"] * ca.sin(angle) + p["ripple_cosine"] * ca.cos(angle)
@@ -48,7 +48,7 @@ EFFECT = Effect(
         Parameter("ripple_order", "1", 6.0, 1.0, 200.0, "cycles a turn of the motor", starts=(6.0, 1.0, 2.0, 12.0)),
     ),
     amplitudes=("ripple_sine", "ripple_cosine", "ripple_sine_twice", "ripple_cosine_twice"),
-    equation=torque,
+    equation=compute_torque,
     citation="Holtz, Springob, IEEE Trans. Ind. Electron. 43 (1996) 694; size: 1 to 2 % of the rated torque, which"
     " is 0.1 to 0.2 of a harmonic drive's running torque",
 )

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def error(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_reading_error(s: Signals, p: Mapping[str, Any]) -> Any:
     """g τ."""
     return p["torque_sensor_error"] * s.joint_torque
 
@@ -20,7 +20,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("torque_sensor_error",),
-    equation=error,
+    equation=compute_reading_error,
     citation="Taghirad, Bélanger, J. Dyn. Sys. Meas. Control 120 (1998) 439, strain gauges on a flexspline, with "
     "its size",
 )

@@ -7,13 +7,13 @@ from typing import Any
 import casadi as ca
 
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
-from gen.effects.state_rate_limit import slowed
+from gen.effects.state_rate_limit import limit_displacement
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """h z with dz = (dφ − |dφ| z) / max(δ, |φ̇| h), h the step."""
     z = s.states["hysteresis"]
-    rate = (s.torsion_rate - ca.fabs(s.torsion_rate) * z) / slowed(p["hysteresis_angle"], s.torsion_rate, p)
+    rate = (s.torsion_rate - ca.fabs(s.torsion_rate) * z) / limit_displacement(p["hysteresis_angle"], s.torsion_rate, p)
     return p["hysteresis_torque"] * z, (rate,)
 
 
@@ -35,9 +35,9 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("hysteresis_torque",),
-    equation=torque,
+    equation=compute_torque,
     citation="Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); paper Fig. 3b; "
     "size: half of K ψ of a CSG-17 (catalogue: loss of up to 2 arcmin)",
-    states=(State("hysteresis", "1", 1.0, "share of the hysteresis torque", slowed=True),),
-    rigid=False,
+    states=(State("hysteresis", "1", 1.0, "share of the hysteresis torque", is_rate_limited=True),),
+    suits_rigid_drive=False,
 )

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def angle(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torsion_error(s: Signals, p: Mapping[str, Any]) -> Any:
     """e θ / N."""
     return p["ratio_error"] * s.motor_position / s.ratio
 
@@ -26,7 +26,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("ratio_error",),
-    equation=angle,
+    equation=compute_torsion_error,
     citation="Harmonic Drive, CSG/CSF catalogue (2018): ratio N or N + 1 by which part is held, 1 % at N = 100",
-    rigid=False,
+    suits_rigid_drive=False,
 )

@@ -6,7 +6,7 @@ from typing import Any
 from gen.effects.effect import Effect, Port, Signals
 
 
-def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """−r_m θ̇."""
     return -p["viscous_friction"] * s.motor_velocity
 
@@ -16,8 +16,8 @@ EFFECT = Effect(
     port=Port.MOTOR,
     parameters=(),
     amplitudes=("viscous_friction",),
-    equation=torque,
+    equation=compute_torque,
     citation="paper (18); size: grease at 10 against 40 °C, several times as viscous, "
     "Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013",
-    sizes={"viscous_friction": 2.0},
+    usual_shares={"viscous_friction": 2.0},
 )

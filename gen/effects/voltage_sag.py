@@ -8,7 +8,7 @@ import casadi as ca
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
-def sagged(s: Signals, p: Mapping[str, Any]) -> Any:
+def reduce_current(s: Signals, p: Mapping[str, Any]) -> Any:
     """i (1 − a |i|) up to its maximum at |i| = 1/(2 a), which it keeps."""
     size = p["voltage_sag"] * ca.fabs(s.current)
     return s.current * ca.if_else(size < 0.5, 1 - size, 0.25 / ca.fmax(size, 0.5))
@@ -30,7 +30,7 @@ EFFECT = Effect(
         ),
     ),
     amplitudes=("voltage_sag",),
-    equation=sagged,
+    equation=reduce_current,
     citation="Duclusaud, Passault, Padois, Ly, Extended Friction Models for the Physics Simulation of Servo "
     "Actuators (2024); size: a fifth of the supply at full current",
 )

@@ -16,9 +16,9 @@ import casadi as ca
 
 from gen.effects.effect import Effect, Port, Signals
 from gen.model import harmonic_drive as drive
-from gen.model.drive_equations import Drives, DriveSymbols, drive_equations
+from gen.model.drive_equations import DriveOutputs, DriveSymbols, write_drive_equations
 from gen.model.kinematic_chain import Chain
-from gen.model.model_quantities import list_inputs, list_quantities, list_states, memory_step
+from gen.model.model_quantities import list_inputs, list_quantities, list_states, memory_step_quantity
 from gen.robot.description import Robot
 
 SX = ca.SX
@@ -34,32 +34,34 @@ class Model:
         self.chain = Chain([joint.kind for joint in robot.joints])
         self.flexible = tuple(j for j in self.joints if not robot.joints[j - 1].drive.rigid)
         self.rigid = tuple(j for j in self.joints if robot.joints[j - 1].drive.rigid)
-        self.plan = drive.plan([robot.joints[j - 1].drive for j in self.flexible])
-        self.memory = tuple((e, s, j) for e in effects for j in self.applies(e) for s in e.states)
-        self.x_slots = list_states(robot, [(state, j) for _, state, j in self.memory])
+        self.plan = drive.plan_inverse([robot.joints[j - 1].drive for j in self.flexible])
+        self.effect_states = tuple((e, s, j) for e in effects for j in self.joints_of_effect(e) for s in e.states)
+        self.x_slots = list_states(robot, [(state, j) for _, state, j in self.effect_states])
         self.u_slots = list_inputs(robot)
-        self.quantities = list_quantities(robot, [(e, self.applies(e)) for e in effects], self.u_slots)
-        if any(s.slowed for _, s, _ in self.memory) and not self.stiff:
-            self.quantities += (memory_step(robot.step),)
+        self.quantities = list_quantities(robot, [(e, self.joints_of_effect(e)) for e in effects], self.u_slots)
+        if any(s.is_rate_limited for _, s, _ in self.effect_states) and not self.needs_stiff_step:
+            self.quantities += (memory_step_quantity(robot.step),)
         self.p = SX.sym("p", len(self.quantities))
         self.x = SX.sym("x", len(self.x_slots))
         self.u = SX.sym("u", len(self.u_slots))
         self.by_name = {q.name: self.p[k] for k, q in enumerate(self.quantities)}
-        self.inverse = {j: SX.sym(f"inverse_{j}", self.plan.degree + 1) for j in self.flexible}
+        self.inverse_symbols = {j: SX.sym(f"inverse_{j}", self.plan.degree + 1) for j in self.flexible}
 
     # -- states and joints -----------------------------------------------------------------------------------------
 
     @property
-    def stiff(self) -> bool:
+    def needs_stiff_step(self) -> bool:
         """Whether a state of an effect that the robot file asks for needs the L-stable step.
 
         The state of an effect whose amplitude is 0 to begin with is slowed until the explicit step carries it
         (`gen.effects.state_rate_limit`).
         """
         nominal = {(q.effect, q.joint, q.name): q.nominal for q in self.quantities}
-        return any(nominal[e.name, j, f"{name}_{j}"] for e, s, j in self.memory if s.stiff for name in e.amplitudes)
+        return any(
+            nominal[e.name, j, f"{name}_{j}"] for e, s, j in self.effect_states if s.is_stiff for name in e.amplitudes
+        )
 
-    def applies(self, effect: Effect) -> tuple[int, ...]:
+    def joints_of_effect(self, effect: Effect) -> tuple[int, ...]:
         """Find the joints at which an effect stands.
 
         Args:
@@ -77,11 +79,11 @@ class Model:
         return tuple(
             j
             for j in chosen
-            if (effect.rigid or j in self.flexible)
-            and (effect.prismatic or self.robot.joints[j - 1].kind == "revolute")
+            if (effect.suits_rigid_drive or j in self.flexible)
+            and (effect.suits_prismatic_joint or self.robot.joints[j - 1].kind == "revolute")
         )
 
-    def slot(self, name: str) -> Any:
+    def state_symbol(self, name: str) -> Any:
         """Find the symbol of a state.
 
         Args:
@@ -98,19 +100,19 @@ class Model:
     @property
     def q(self) -> Any:
         """Joint positions (n)."""
-        return ca.vertcat(*(self.slot(f"joint_position_{j}") for j in self.joints))
+        return ca.vertcat(*(self.state_symbol(f"joint_position_{j}") for j in self.joints))
 
     @property
     def v(self) -> Any:
         """Joint velocities (n)."""
-        return ca.vertcat(*(self.slot(f"joint_velocity_{j}") for j in self.joints))
+        return ca.vertcat(*(self.state_symbol(f"joint_velocity_{j}") for j in self.joints))
 
     @property
     def force(self) -> Any:
         """Force of the world on the tip, base frame, N (2)."""
         return self.u[self.n :]
 
-    def symbols_of(self, j: int) -> dict[str, Any]:
+    def joint_symbols(self, j: int) -> dict[str, Any]:
         """Find the parameters of a joint as the robot file and the effects give them.
 
         Args:
@@ -123,11 +125,11 @@ class Model:
         own = {q.name.removesuffix(f"_{j}"): self.p[k] for k, q in enumerate(self.quantities) if q.joint == j}
         if "memory_step" in self.by_name:
             own["memory_step"] = self.by_name["memory_step"]
-        if j in self.inverse:
-            own["inverse"] = self.inverse[j]
+        if j in self.inverse_symbols:
+            own["inverse"] = self.inverse_symbols[j]
         return own
 
-    def of_joint(self, j: int) -> dict[str, Any]:
+    def joint_parameters(self, j: int) -> dict[str, Any]:
         """Find the parameters that the equations of a joint read.
 
         Effects in series change the level and the damping of the springs. States of effects that the L-stable step
@@ -137,27 +139,30 @@ class Model:
             j: The joint's number from 1, or 0 for the arm as a whole.
 
         Returns:
-            Symbols and expressions by name, as `symbols_of`.
+            Symbols and expressions by name, as `joint_symbols`.
 
         """
-        p: dict[str, Any] = {"memory_step": 0.0} | self.symbols_of(j)
-        for effect in self.at(Port.SERIES, j):
+        p: dict[str, Any] = {"memory_step": 0.0} | self.joint_symbols(j)
+        for effect in self.effects_at(Port.SERIES, j):
             share, damping = effect.equation(Signals(), p)
             p["stiffness_level"] = p["stiffness_level"] * share
             p["torsional_damping"] = p["torsional_damping"] + damping
         return p
 
-    def derived(self) -> tuple[Any, Any]:
+    def inverse_definitions(self) -> tuple[Any, Any]:
         """Find the coefficients of the springs' inverses, which depend on p alone.
 
         Returns:
             The symbols that stand for them, and their definitions in p.
 
         """
-        made = [drive.inverse(drive.springs(self.of_joint(j)), self.plan.degree) for j in self.flexible]
-        return ca.vertcat(*self.inverse.values()), ca.vertcat(*made)
+        made = [
+            drive.inverse_coefficients(drive.spring_constants(self.joint_parameters(j)), self.plan.degree)
+            for j in self.flexible
+        ]
+        return ca.vertcat(*self.inverse_symbols.values()), ca.vertcat(*made)
 
-    def at(self, port: Port, j: int) -> list[Effect]:
+    def effects_at(self, port: Port, j: int) -> list[Effect]:
         """List the effects at a port of a joint.
 
         Args:
@@ -168,7 +173,7 @@ class Model:
             The effects in the order in which they act.
 
         """
-        return [e for e in self.effects if e.port is port and j in self.applies(e)]
+        return [e for e in self.effects if e.port is port and j in self.joints_of_effect(e)]
 
     def chain_parameters(self) -> dict[str, Any]:
         """Find the parameters of the chain, with gravity and the tip's mass as the effects make them.
@@ -178,19 +183,21 @@ class Model:
 
         """
         values = dict(self.by_name)
-        fields = [e.equation(Signals(), self.of_joint(0)) for e in self.at(Port.BASE, 0)]
+        fields = [e.equation(Signals(), self.joint_parameters(0)) for e in self.effects_at(Port.BASE, 0)]
         values["gravity_x"], values["gravity_y"] = (sum(f[k] for f in fields) for k in (0, 1))
-        values["tip_mass"] = sum(e.equation(Signals(), self.of_joint(self.n)) for e in self.at(Port.MASS, self.n))
+        values["tip_mass"] = sum(
+            e.equation(Signals(), self.joint_parameters(self.n)) for e in self.effects_at(Port.MASS, self.n)
+        )
         return values
 
     # -- one drive --------------------------------------------------------------------------------------------------
 
-    def drive(self, j: int, p: dict[str, Any], exact: Any = None, spring_torque: Any = None) -> Drives:
+    def drive_outputs(self, j: int, p: dict[str, Any], exact: Any = None, spring_torque: Any = None) -> DriveOutputs:
         """Write the equations of a joint's drive.
 
         Args:
             j: The joint's number from 1.
-            p: The joint's parameters by name (`of_joint`).
+            p: The joint's parameters by name (`joint_parameters`).
             exact: The direction of sliding, −1, 0 or 1; None takes the smooth sign.
             spring_torque: A symbol in place of the springs' torque, N m, where their inverse is to be differentiated
                 implicitly.
@@ -199,20 +206,20 @@ class Model:
             The torques, accelerations and rates of the drive.
 
         """
-        q, v = self.slot(f"joint_position_{j}"), self.slot(f"joint_velocity_{j}")
+        q, v = self.state_symbol(f"joint_position_{j}"), self.state_symbol(f"joint_velocity_{j}")
         if j in self.rigid:
             theta, omega = p["ratio"] * q, p["ratio"] * v
         else:
-            theta, omega = self.slot(f"motor_position_{j}"), self.slot(f"motor_velocity_{j}")
-        states = {(e.name, s.name): self.slot(f"{s.name}_{j}") for e, s, k in self.memory if k == j}
-        effects = tuple(e for e in self.effects if j in self.applies(e))
+            theta, omega = self.state_symbol(f"motor_position_{j}"), self.state_symbol(f"motor_velocity_{j}")
+        states = {(e.name, s.name): self.state_symbol(f"{s.name}_{j}") for e, s, k in self.effect_states if k == j}
+        effects = tuple(e for e in self.effects if j in self.joints_of_effect(e))
         current = self.u[j - 1]
         symbols = DriveSymbols(j in self.rigid, q, v, theta, omega, current, states, effects, self.plan)
-        return drive_equations(symbols, p, exact, spring_torque)
+        return write_drive_equations(symbols, p, exact, spring_torque)
 
     # -- the whole arm ----------------------------------------------------------------------------------------------
 
-    def reaction(self, j: int, p: dict[str, Any]) -> Any:
+    def rotor_reaction(self, j: int, p: dict[str, Any]) -> Any:
         """Find how the rotor of a joint couples to the links before it.
 
         Args:
@@ -223,7 +230,7 @@ class Model:
             The row of ∂(rotor speed)/∂v (1 × n), or None where the rotor is not coupled.
 
         """
-        found = [e.equation(Signals(ratio=p["ratio"]), p) for e in self.at(Port.REACTION, j)]
+        found = [e.equation(Signals(ratio=p["ratio"]), p) for e in self.effects_at(Port.REACTION, j)]
         if not found:
             return None
         carried = [int(k < j and self.robot.joints[k - 1].kind == "revolute") for k in self.joints]
@@ -241,12 +248,12 @@ class Model:
             The same of the rotor, at the motor; 0 where it is not coupled.
 
         """
-        reaction = self.reaction(j, p)
+        reaction = self.rotor_reaction(j, p)
         if reaction is None:
             return 0
         return (reaction @ motion)[0]
 
-    def inertia(self, trig: Any = None) -> Any:
+    def total_mass_matrix(self, trig: Any = None) -> Any:
         """Write the mass matrix of the links with the rotors of rigid drives.
 
         Args:
@@ -258,16 +265,18 @@ class Model:
         """
         M = self.chain.mass_matrix(self.q, self.chain_parameters(), trig)
         for j in self.rigid:
-            p = self.of_joint(j)
+            p = self.joint_parameters(j)
             row = SX.zeros(1, self.n)
             row[j - 1] = p["ratio"]
-            reaction = self.reaction(j, p)
+            reaction = self.rotor_reaction(j, p)
             if reaction is not None:
                 row = row + reaction
             M = M + p["motor_inertia"] * row.T @ row
         return M
 
-    def motion(self, drives: dict[int, Drives], sliding: Any = None, trig: Any = None) -> tuple[Any, Any]:
+    def equations_of_motion(
+        self, drives: dict[int, DriveOutputs], sliding: Any = None, trig: Any = None
+    ) -> tuple[Any, Any]:
         """Write the equations of motion of the whole arm.
 
         Args:
@@ -280,8 +289,8 @@ class Model:
             meaning for stopped joints only.
 
         """
-        load = self._load(drives, trig)
-        M = self.inertia(trig)
+        load = self._acting_load(drives, trig)
+        M = self.total_mass_matrix(trig)
         released: list[Any] = [1] * self.n  # 1 where a motor moves, 0 where it is stopped
         if sliding is None:
             accelerations = solve_symmetric(M, load)
@@ -295,34 +304,34 @@ class Model:
         rest = load - M @ accelerations
         motor, hold = [], []
         for j in self.joints:
-            p, d = self.of_joint(j), drives[j]
+            p, d = self.joint_parameters(j), drives[j]
             if j in self.rigid:
                 hold.append(rest[j - 1] / p["ratio"])
                 continue
             carried = self.carried_motion(j, p, accelerations)
             motor.append((d.acceleration - carried) * released[j - 1])
-            hold.append(d.net - p["motor_inertia"] * carried)
-        speeds = [self.slot(f"motor_velocity_{j}") for j in self.flexible]
+            hold.append(d.net_torque - p["motor_inertia"] * carried)
+        speeds = [self.state_symbol(f"motor_velocity_{j}") for j in self.flexible]
         pending = {j: list(drives[j].rates) for j in self.joints}
-        rates = [pending[j].pop(0) for _, _, j in self.memory]
+        rates = [pending[j].pop(0) for _, _, j in self.effect_states]
         return ca.vertcat(*speeds, self.v, *motor, accelerations, *rates), ca.vertcat(*hold)
 
-    def _load(self, drives: dict[int, Drives], trig: Any) -> Any:
+    def _acting_load(self, drives: dict[int, DriveOutputs], trig: Any) -> Any:
         """Torques that accelerate the joints (n, N m or N): the drives', less the chain's at no acceleration."""
         forces = []
         for j in self.joints:
             torque = drives[j].joint_torque
             if j in self.rigid:
-                torque = torque + self.of_joint(j)["ratio"] * drives[j].net
+                torque = torque + self.joint_parameters(j)["ratio"] * drives[j].net_torque
             forces.append(torque)
         load = ca.vertcat(*forces)
         for j in self.flexible:
-            reaction = self.reaction(j, self.of_joint(j))
+            reaction = self.rotor_reaction(j, self.joint_parameters(j))
             if reaction is not None:
-                load = load - reaction.T * drives[j].net
+                load = load - reaction.T * drives[j].net_torque
         chain = self.chain_parameters()
         field, force = (chain["gravity_x"], chain["gravity_y"]), (self.force[0], self.force[1])
-        return load - self.chain.recursion(self.q, self.v, [0] * self.n, chain, field, force, trig)
+        return load - self.chain.newton_euler(self.q, self.v, [0] * self.n, chain, field, force, trig)
 
 
 def solve_symmetric(M: Any, b: Any) -> Any:

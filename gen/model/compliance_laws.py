@@ -29,12 +29,12 @@ import casadi as ca
 from gen.effects.effect import Parameter
 from gen.model import harmonic_drive, torque_estimate
 from gen.model.arm_model import Model, solve_symmetric
-from gen.model.emitted_function import Emitted, dense
+from gen.model.emitted_function import EmittedFunction, make_dense_function
 
 SX = ca.SX
 SQUARINGS, TAYLOR = 50, 6  # of `held_force`: h B/M up to 1e14, the most that the gains' bounds allow, becomes 0.1
 
-COMMON = (
+COMMON_GAINS = (
     Parameter("period", "s", 1e-3, 1e-5, 0.1, "time from tick to tick"),
     Parameter("velocity_cutoff", "Hz", 80.0, 1.0, 1e4, "cut-off of the filtered differences of both encoders"),
     Parameter("bandwidth", "rad/s", 50.0, 1.0, 1e4, "of the inner loop, critically damped"),
@@ -54,12 +54,12 @@ class Law:
     gains: tuple[Parameter, ...]
     reference: tuple[str, ...]
     state: tuple[str, ...]
-    start: Emitted
-    tick: Emitted
+    start_function: EmittedFunction
+    tick_function: EmittedFunction
 
 
 @dataclass(frozen=True)
-class Seen:
+class ArmEstimate:
     """The arm as a tick knows it; torsions and the torques estimated from them are None for rigid drives."""
 
     theta: Any  # motor angles, rad
@@ -70,17 +70,17 @@ class Seen:
     phi_rate: list[Any]  # rad/s
     torque: list[Any]  # joint torques from the torsions, N m
     force: Any  # of the world on the tip, N
-    r: list[Any]  # disturbances at the rotors, N m at the motor
+    disturbance: list[Any]  # disturbances at the rotors, N m at the motor
 
 
-class Loop:
+class ControlLoop:
     """Symbols of one law, and the inner loops that all laws share."""
 
     def __init__(
         self, model: Model, name: str, own: tuple[Parameter, ...], space: str, memory: tuple[str, ...]
     ) -> None:
         self.model, self.name, n = model, name, model.n
-        self.gains = (*COMMON, *own)
+        self.gains = (*COMMON_GAINS, *own)
         self.g = {
             gain.name: symbol
             for gain, symbol in zip(self.gains, ca.vertsplit(SX.sym("gains", len(self.gains))), strict=True)
@@ -98,7 +98,7 @@ class Loop:
         self.measured = SX.sym("measured", 2 * n + 2)  # θ, q, tip force
         self.sent = SX.sym("sent", n)
 
-    def wanted(self) -> tuple[Any, Any, Any]:
+    def split_reference(self) -> tuple[Any, Any, Any]:
         """Position, velocity and acceleration of the reference."""
         position, velocity, acceleration = ca.vertsplit(self.reference, self.reference.numel() // 3)
         return position, velocity, acceleration
@@ -110,12 +110,12 @@ class Loop:
         damping = ca.vertcat(*(g[f"damping_{axis}"] for axis in axes))
         return mass, damping, ca.vertcat(*(g[f"stiffness_{axis}"] for axis in axes))
 
-    def memory(self, name: str, count: int) -> Any:
+    def memory_part(self, name: str, count: int) -> Any:
         """The part of the memory that begins at ``name``."""
         first = self.state_names.index(name)
         return self.state[first : first + count]
 
-    def see(self) -> tuple[Seen, list[Any]]:
+    def estimate_arm(self) -> tuple[ArmEstimate, list[Any]]:
         """Estimate the arm at this tick; the second result is the next memory of the estimates."""
         model, n, g = self.model, self.model.n, self.g
         theta, q, force = self.measured[:n], self.measured[n : 2 * n], self.measured[2 * n :]
@@ -129,15 +129,15 @@ class Loop:
         r: list[Any] = []
         next_observed: list[Any] = []
         for j in model.joints:
-            p = model.of_joint(j)
+            p = model.joint_parameters(j)
             if j in model.rigid:
                 phi, rate, torque, r = [*phi, None], [*rate, None], [*torque, None], [*r, SX(0)]
                 next_observed.append(SX(0))
                 continue
-            twist = torque_estimate.torsion(model, j, theta[j - 1], q[j - 1])
+            twist = torque_estimate.measured_torsion(model, j, theta[j - 1], q[j - 1])
             phi.append(twist)
             rate.append(omega[j - 1] / p["ratio"] - v[j - 1])
-            torque.append(torque_estimate.from_torsion(model, j, twist) + p["torsional_damping"] * rate[-1])
+            torque.append(torque_estimate.torque_from_torsion(model, j, twist) + p["torsional_damping"] * rate[-1])
             # the momentum p = J ω obeys ṗ = T − τ/N + r; the observer integrates the right-hand side, and
             # r = L (p − its integral)
             momentum = p["motor_inertia"] * omega[j - 1]
@@ -145,58 +145,59 @@ class Loop:
             decay = ca.exp(-g["observer_bandwidth"] * g["period"])
             next_observed.append(decay * integral + (1 - decay) * momentum)
             r.append(g["observer_bandwidth"] * (momentum - next_observed[-1]))
-        seen = Seen(theta, q, omega, v, phi, rate, torque, force, r)
+        seen = ArmEstimate(theta, q, omega, v, phi, rate, torque, force, r)
         return seen, [theta, q, omega, v, ca.vertcat(*next_observed)]
 
-    def torque_loop(self, seen: Seen, torque: Any, acceleration: Any) -> Any:
+    def torque_loop(self, seen: ArmEstimate, torque: Any, acceleration: Any) -> Any:
         """Motor torques that make the joint torque follow ``torque`` (n)."""
         out = []
         for j in self.model.joints:
-            p, k = self.model.of_joint(j), j - 1
+            p, k = self.model.joint_parameters(j), j - 1
             if j in self.model.rigid:
-                out.append(self._rigid(j, seen.v[k], acceleration[k], torque[k]))
+                out.append(self._rigid_drive_torque(j, seen.v[k], acceleration[k], torque[k]))
                 continue
-            twist = harmonic_drive.torsion(torque[k] / p["stiffness_level"], harmonic_drive.springs(p))
+            twist = harmonic_drive.spring_torsion(torque[k] / p["stiffness_level"], harmonic_drive.spring_constants(p))
             gain = self.g["bandwidth"]
             push = acceleration[k] - 2 * gain * seen.phi_rate[k] + gain**2 * (twist - seen.phi[k])
-            out.append(seen.torque[k] / p["ratio"] + p["motor_inertia"] * p["ratio"] * push - seen.r[k])
+            out.append(seen.torque[k] / p["ratio"] + p["motor_inertia"] * p["ratio"] * push - seen.disturbance[k])
         return ca.vertcat(*out)
 
-    def position_loop(self, seen: Seen, q: Any, v: Any, a: Any, torque: Any) -> Any:
+    def position_loop(self, seen: ArmEstimate, q: Any, v: Any, a: Any, torque: Any) -> Any:
         """Motor torques that make the joints follow q, v, a (n each), for which they need ``torque``."""
         gain = self.g["bandwidth"]
         out = []
         for j in self.model.joints:
-            p, k = self.model.of_joint(j), j - 1
+            p, k = self.model.joint_parameters(j), j - 1
             if j in self.model.rigid:
                 back = 2 * gain * (v[k] - seen.v[k]) + gain**2 * (q[k] - seen.q[k])
-                full = self.model.inertia()[k, k] / p["ratio"]
+                full = self.model.total_mass_matrix()[k, k] / p["ratio"]
                 full = ca.substitute(full, ca.vertcat(self.model.q, self.model.v), ca.vertcat(seen.q, seen.v))
-                out.append(self._rigid(j, v[k], a[k], torque[k]) + full * back)
+                out.append(self._rigid_drive_torque(j, v[k], a[k], torque[k]) + full * back)
                 continue
             theta = p["ratio"] * (
-                q[k] + harmonic_drive.torsion(torque[k] / p["stiffness_level"], harmonic_drive.springs(p))
+                q[k]
+                + harmonic_drive.spring_torsion(torque[k] / p["stiffness_level"], harmonic_drive.spring_constants(p))
             )
             back = 2 * gain * (p["ratio"] * v[k] - seen.omega[k]) + gain**2 * (theta - seen.theta[k])
-            out.append(torque[k] / p["ratio"] + p["motor_inertia"] * (p["ratio"] * a[k] + back) - seen.r[k])
+            out.append(torque[k] / p["ratio"] + p["motor_inertia"] * (p["ratio"] * a[k] + back) - seen.disturbance[k])
         return ca.vertcat(*out)
 
-    def _rigid(self, j: int, v: Any, a: Any, torque: Any) -> Any:
-        p = self.model.of_joint(j)
+    def _rigid_drive_torque(self, j: int, v: Any, a: Any, torque: Any) -> Any:
+        p = self.model.joint_parameters(j)
         omega = p["ratio"] * v
         friction = p["viscous_friction"] * omega + p["coulomb_friction"] * ca.tanh(omega / p["friction_smoothing"])
         return torque / p["ratio"] + p["motor_inertia"] * p["ratio"] * a + friction
 
-    def arm(self, q: Any, v: Any) -> tuple[Any, Any, Any, Any]:
+    def arm_terms(self, q: Any, v: Any) -> tuple[Any, Any, Any, Any]:
         """Mass matrix of the links, C v + g, J, and dJ/dt v, at q and v."""
         chain, p = self.model.chain, self.model.chain_parameters()
         qs, vs = SX.sym("q", self.model.n), SX.sym("v", self.model.n)
-        J = chain.jacobian(qs, p)
-        parts = [chain.mass_matrix(qs, p), chain.bias(qs, vs, p), J, ca.jtimes(J @ vs, qs, vs)]
+        J = chain.tip_jacobian(qs, p)
+        parts = [chain.mass_matrix(qs, p), chain.bias_torque(qs, vs, p), J, ca.jtimes(J @ vs, qs, vs)]
         mass, bias, jacobian, turn = ca.substitute(parts, [qs, vs], [q, v])
         return mass, bias, jacobian, turn
 
-    def finish(self, c: Any, torque: Any, memory: list[Any], started: list[Any]) -> Law:
+    def make_law(self, c: Any, torque: Any, memory: list[Any], started: list[Any]) -> Law:
         """The law's two functions from what its tick computes."""
         g = ca.vertcat(*self.g.values())
         n = self.model.n
@@ -210,20 +211,20 @@ class Loop:
             "c": c,
             "state": self.state,
         }
-        tick = dense(f"{self.name}_tick", ins, {"torque": torque, "next": ca.vertcat(*memory)})
+        tick = make_dense_function(f"{self.name}_tick", ins, {"torque": torque, "next": ca.vertcat(*memory)})
         begin = {"measured": self.measured, "reference": self.reference, "c": c}
-        start = dense(f"{self.name}_start", begin, {"state": first})
+        start = make_dense_function(f"{self.name}_start", begin, {"state": first})
         return Law(
             self.name,
             self.gains,
             self.reference_names,
             self.state_names,
-            Emitted(start, "memory of the controller at its first tick"),
-            Emitted(tick, "one tick: motor torques, N m, and the next memory"),
+            EmittedFunction(start, "memory of the controller at its first tick"),
+            EmittedFunction(tick, "one tick: motor torques, N m, and the next memory"),
         )
 
 
-def mobility(loop: Loop, M_q: Any, J: Any) -> Any:
+def tip_inertia(loop: ControlLoop, M_q: Any, J: Any) -> Any:
     """Λ (2 × 2): inverse of the tip's mobility, kept finite in singular poses."""
     columns = [solve_symmetric(M_q, J.T[:, k]) for k in range(2)]
     A = J @ ca.horzcat(*columns) + loop.g["singularity"] * SX.eye(2)
@@ -263,7 +264,7 @@ def held_force(M: Any, B: Any, K: Any, h: Any, x: Any, v: Any, F: Any) -> tuple[
     return x + Y[0, 0] * x + Y[0, 1] * v + Y[0, 2] * F, v + Y[1, 0] * x + Y[1, 1] * v + Y[1, 2] * F
 
 
-def _mbk(
+def _mass_damping_stiffness(
     axes: tuple[str, ...], units: tuple[str, str, str], nominal: tuple[float, float, float]
 ) -> tuple[Parameter, ...]:
     """Gains for the wanted mass, damping and stiffness along each axis."""
@@ -279,48 +280,58 @@ def _mbk(
     )
 
 
-def position(model: Model, c: Any) -> Law:
+def position_law(model: Model, c: Any) -> Law:
     """PD on the motors about a joint trajectory, with the motion's torque fed forward."""
-    loop = Loop(model, "position", (), "joint", ())
-    seen, memory = loop.see()
-    q, v, a = loop.wanted()
-    M_q, bias, J, _ = loop.arm(q, v)
+    loop = ControlLoop(model, "position", (), "joint", ())
+    seen, memory = loop.estimate_arm()
+    q, v, a = loop.split_reference()
+    M_q, bias, J, _ = loop.arm_terms(q, v)
     torque = M_q @ a + bias - J.T @ seen.force
-    return loop.finish(c, loop.position_loop(seen, q, v, a, torque), memory, [])
+    return loop.make_law(c, loop.position_loop(seen, q, v, a, torque), memory, [])
 
 
 def impedance_cartesian(model: Model, c: Any) -> Law:
     """(25): F = (Λ/M − 1) F_e + Λ ẍ_d − Λ/M (B ẋ_e + K x_e), with Coriolis and gravity compensated."""
-    loop = Loop(
-        model, "impedance_cartesian", _mbk(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)), "cartesian", ()
+    loop = ControlLoop(
+        model,
+        "impedance_cartesian",
+        _mass_damping_stiffness(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)),
+        "cartesian",
+        (),
     )
-    seen, memory = loop.see()
-    x_d, v_d, a_d = loop.wanted()
-    M_q, bias, J, turn = loop.arm(seen.q, seen.v)
+    seen, memory = loop.estimate_arm()
+    x_d, v_d, a_d = loop.split_reference()
+    M_q, bias, J, turn = loop.arm_terms(seen.q, seen.v)
     M, B, K = loop.mass_damping_stiffness("xy")
-    x_e = loop.model.chain.tip(seen.q, model.chain_parameters()) - x_d
+    x_e = loop.model.chain.tip_position(seen.q, model.chain_parameters()) - x_d
     v_e = J @ seen.v - v_d
-    L = mobility(loop, M_q, J)
+    L = tip_inertia(loop, M_q, J)
     F = L @ (a_d - turn + (seen.force - B * v_e - K * x_e) / M) - seen.force
     push = J.T @ F
     idle = -loop.g["posture_damping"] * (M_q @ seen.v)  # without the part that the tip feels
-    push = push + idle - J.T @ (L @ (J @ _solve(M_q, idle)))
-    acceleration = _solve(M_q, push + J.T @ seen.force)
-    return loop.finish(c, loop.torque_loop(seen, push + bias, acceleration), memory, [])
+    push = push + idle - J.T @ (L @ (J @ _solve_columns(M_q, idle)))
+    acceleration = _solve_columns(M_q, push + J.T @ seen.force)
+    return loop.make_law(c, loop.torque_loop(seen, push + bias, acceleration), memory, [])
 
 
 def impedance_joint(model: Model, c: Any) -> Law:
     """(23): M q̈_e + B q̇_e + K q_e = Jᵀ F_e at each joint."""
     axes = tuple(str(j) for j in model.joints)
-    loop = Loop(model, "impedance_joint", _mbk(axes, ("kg m²", "N m s/rad", "N m/rad"), (0.2, 3.0, 30.0)), "joint", ())
-    seen, memory = loop.see()
-    q_d, v_d, a_d = loop.wanted()
-    M_q, bias, J, _ = loop.arm(seen.q, seen.v)
+    loop = ControlLoop(
+        model,
+        "impedance_joint",
+        _mass_damping_stiffness(axes, ("kg m²", "N m s/rad", "N m/rad"), (0.2, 3.0, 30.0)),
+        "joint",
+        (),
+    )
+    seen, memory = loop.estimate_arm()
+    q_d, v_d, a_d = loop.split_reference()
+    M_q, bias, J, _ = loop.arm_terms(seen.q, seen.v)
     M, B, K = loop.mass_damping_stiffness(axes)
     outside = J.T @ seen.force
     acceleration = a_d + (outside - B * (seen.v - v_d) - K * (seen.q - q_d)) / M
     torque = M_q @ acceleration + bias - outside
-    return loop.finish(c, loop.torque_loop(seen, torque, acceleration), memory, [])
+    return loop.make_law(c, loop.torque_loop(seen, torque, acceleration), memory, [])
 
 
 def admittance_cartesian(model: Model, c: Any) -> Law:
@@ -330,61 +341,75 @@ def admittance_cartesian(model: Model, c: Any) -> Law:
         *(f"yield_{w}_{a}" for w in ("position", "velocity") for a in "xy"),
         *(f"posture_{j}" for j in model.joints),
     )
-    loop = Loop(
-        model, "admittance_cartesian", _mbk(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)), "cartesian", names
+    loop = ControlLoop(
+        model,
+        "admittance_cartesian",
+        _mass_damping_stiffness(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)),
+        "cartesian",
+        names,
     )
-    seen, memory = loop.see()
-    x_d, v_d, a_d = loop.wanted()
+    seen, memory = loop.estimate_arm()
+    x_d, v_d, a_d = loop.split_reference()
     M, B, K = loop.mass_damping_stiffness("xy")
-    x_e, v_e, q = loop.memory("yield_position_x", 2), loop.memory("yield_velocity_x", 2), loop.memory("posture_1", n)
+    x_e, v_e, q = (
+        loop.memory_part("yield_position_x", 2),
+        loop.memory_part("yield_velocity_x", 2),
+        loop.memory_part("posture_1", n),
+    )
     h = loop.g["period"]
     a_e = (seen.force - B * v_e - K * x_e) / M
-    M_q, _, J, _ = loop.arm(q, SX.zeros(n))
-    weighted = _solve(M_q, J.T) @ mobility(loop, M_q, J)  # the inverse of J that asks least of the motors
-    gap = x_d + x_e - model.chain.tip(q, model.chain_parameters())
+    M_q, _, J, _ = loop.arm_terms(q, SX.zeros(n))
+    weighted = _solve_columns(M_q, J.T) @ tip_inertia(loop, M_q, J)  # the inverse of J that asks least of the motors
+    gap = x_d + x_e - model.chain.tip_position(q, model.chain_parameters())
     v = weighted @ (v_d + v_e + gap / (4 * h))
-    turn = loop.arm(q, v)[3]
+    turn = loop.arm_terms(q, v)[3]
     a = weighted @ (a_d + a_e - turn)
-    bias = loop.arm(q, v)[1]
+    bias = loop.arm_terms(q, v)[1]
     torque = M_q @ a + bias - J.T @ seen.force
     moved = [held_force(M[k], B[k], K[k], h, x_e[k], v_e[k], seen.force[k]) for k in range(2)]
     later = [ca.vertcat(*(m[0] for m in moved)), ca.vertcat(*(m[1] for m in moved)), q + h * v]
     T = loop.position_loop(seen, q, v, a, torque)
     # it begins with yielding as far as the arm is from its reference, so that the start needs no jump
     began = loop.measured[n : 2 * n]
-    return loop.finish(c, T, [*memory, *later], [model.chain.tip(began, model.chain_parameters()) - x_d, -v_d, began])
+    return loop.make_law(
+        c, T, [*memory, *later], [model.chain.tip_position(began, model.chain_parameters()) - x_d, -v_d, began]
+    )
 
 
 def admittance_joint(model: Model, c: Any) -> Law:
     """(23) as an admittance: each joint follows q_d + q_e with q_e moved by Jᵀ F_e."""
     n, axes = model.n, tuple(str(j) for j in model.joints)
     names = tuple(f"yield_{w}_{j}" for w in ("position", "velocity") for j in model.joints)
-    loop = Loop(
-        model, "admittance_joint", _mbk(axes, ("kg m²", "N m s/rad", "N m/rad"), (0.2, 3.0, 30.0)), "joint", names
+    loop = ControlLoop(
+        model,
+        "admittance_joint",
+        _mass_damping_stiffness(axes, ("kg m²", "N m s/rad", "N m/rad"), (0.2, 3.0, 30.0)),
+        "joint",
+        names,
     )
-    seen, memory = loop.see()
-    q_d, v_d, a_d = loop.wanted()
+    seen, memory = loop.estimate_arm()
+    q_d, v_d, a_d = loop.split_reference()
     M, B, K = loop.mass_damping_stiffness(axes)
-    q_e, v_e = loop.memory("yield_position_1", n), loop.memory("yield_velocity_1", n)
-    _, _, J, _ = loop.arm(seen.q, seen.v)
+    q_e, v_e = loop.memory_part("yield_position_1", n), loop.memory_part("yield_velocity_1", n)
+    _, _, J, _ = loop.arm_terms(seen.q, seen.v)
     outside = J.T @ seen.force
     a_e = (outside - B * v_e - K * q_e) / M
     q, v, a = q_d + q_e, v_d + v_e, a_d + a_e
-    M_q, bias, J_there, _ = loop.arm(q, v)
+    M_q, bias, J_there, _ = loop.arm_terms(q, v)
     T = loop.position_loop(seen, q, v, a, M_q @ a + bias - J_there.T @ seen.force)
     moved = [held_force(M[k], B[k], K[k], loop.g["period"], q_e[k], v_e[k], outside[k]) for k in range(n)]
     later = [ca.vertcat(*(m[0] for m in moved)), ca.vertcat(*(m[1] for m in moved))]
-    return loop.finish(c, T, [*memory, *later], [seen.q - q_d, -v_d])
+    return loop.make_law(c, T, [*memory, *later], [seen.q - q_d, -v_d])
 
 
-def _solve(M: Any, b: Any) -> Any:
+def _solve_columns(M: Any, b: Any) -> Any:
     return ca.horzcat(*(solve_symmetric(M, b[:, k]) for k in range(b.shape[1])))
 
 
-LAWS = (position, impedance_cartesian, impedance_joint, admittance_cartesian, admittance_joint)
+LAW_BUILDERS = (position_law, impedance_cartesian, impedance_joint, admittance_cartesian, admittance_joint)
 
 
-def laws(model: Model, c: Any) -> tuple[Law, ...]:
+def make_laws(model: Model, c: Any) -> tuple[Law, ...]:
     """Write every controller of the arm.
 
     Args:
@@ -392,7 +417,7 @@ def laws(model: Model, c: Any) -> tuple[Law, ...]:
         c: The symbols of its constants.
 
     Returns:
-        The controllers, in the order of `LAWS`.
+        The controllers, in the order of `LAW_BUILDERS`.
 
     """
-    return tuple(law(model, c) for law in LAWS)
+    return tuple(law(model, c) for law in LAW_BUILDERS)

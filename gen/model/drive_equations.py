@@ -18,16 +18,16 @@ SX = ca.SX
 
 
 @dataclass(frozen=True)
-class Drives:
+class DriveOutputs:
     """The results that the drive of one joint hands to the chain."""
 
-    net: Any  # on the rotor, N m
-    level: Any  # of set-valued friction, N m at the motor: the change of `net` as the direction goes from 0 to 1
+    net_torque: Any  # on the rotor, N m
+    dry_friction: Any  # of set-valued friction, N m at the motor: the change of `net` as the direction goes from 0 to 1
     acceleration: Any  # net / J_m; None for a rigid drive
     joint_torque: Any  # on the link, with the effects at the link, N m; a rigid drive's own part is in `net`
-    transmitted: Any = None  # by the gear, N m; of a rigid drive without the part that its rotor takes
+    transmitted_torque: Any = None  # by the gear, N m; of a rigid drive without the part that its rotor takes
     torsion: Any = None
-    wound: Any = None  # torsion that the springs see
+    effective_torsion: Any = None  # torsion that the springs see
     spring_torque: Any = None
     rates: tuple[Any, ...] = ()
 
@@ -44,7 +44,7 @@ class DriveSymbols:
     current: Any  # A, or N m where the input is torque
     effect_states: Mapping[tuple[str, str], Any]  # by effect and state, in the order of x
     effects: tuple[Effect, ...]  # that stand at this joint
-    plan: harmonic_drive.Plan  # of the springs' inverse
+    plan: harmonic_drive.InversePlan  # of the springs' inverse
 
     def effects_at(self, port: Port) -> list[Effect]:
         """List the effects at a port.
@@ -70,7 +70,7 @@ class _Transmission:
     slope: Any = field(default_factory=SX)  # change of the torsion by θ that effects add to 1/ratio
 
 
-class _Ports:
+class _PortSums:
     """Adds up the effects at each port of one joint, and keeps the rates of their states."""
 
     def __init__(self, symbols: DriveSymbols, p: Mapping[str, Any]) -> None:
@@ -92,7 +92,7 @@ class _Ports:
         return start
 
 
-def drive_equations(symbols: DriveSymbols, p: dict[str, Any], exact: Any, spring_torque: Any) -> Drives:
+def write_drive_equations(symbols: DriveSymbols, p: dict[str, Any], exact: Any, spring_torque: Any) -> DriveOutputs:
     """Write the equations of one joint's drive.
 
     Args:
@@ -106,20 +106,20 @@ def drive_equations(symbols: DriveSymbols, p: dict[str, Any], exact: Any, spring
         The torques, accelerations and rates of the drive.
 
     """
-    ports = _Ports(symbols, p)
+    ports = _PortSums(symbols, p)
     motor, joint, omega = ports.motor, ports.joint, symbols.motor_velocity
     if symbols.is_rigid:
         gear = _Transmission(p["ratio"] * p.get("torque_constant", 1) * symbols.current)
         link = ports.add_up(Port.LINK, 0, joint_torque=gear.torque, **joint, **motor)
     else:
-        gear = _flexible_transmission(ports, spring_torque)
+        gear = _write_transmission(ports, spring_torque)
         link = ports.add_up(Port.LINK, gear.torque, joint_torque=gear.torque, **joint, **motor)
     tau, direction = gear.torque, exact
     if direction is None:
         direction = ca.tanh(omega / p["friction_smoothing"])
     cold = 1 - ports.add_up(Port.WARMTH, 0, **motor)
     level = ports.add_up(Port.FRICTION, 0, direction=direction, joint_torque=tau, **joint, **motor)
-    level = cold * never_driving(level, symbols.effects_at(Port.FRICTION))
+    level = cold * keep_friction_positive(level, symbols.effects_at(Port.FRICTION))
     inverse = 1 / p["motor_inertia"]
     ports.p = p | {"viscous_friction": cold * p["viscous_friction"]}
     felt = {"friction_level": level, "direction": direction, "joint_torque": tau}
@@ -133,10 +133,10 @@ def drive_equations(symbols: DriveSymbols, p: dict[str, Any], exact: Any, spring
     if symbols.is_rigid:
         acceleration, sent = None, p["ratio"] * net
     rates = tuple(ports.rates[key] for key in symbols.effect_states)
-    return Drives(net, level, acceleration, link, sent, gear.torsion, gear.wound, gear.spring_torque, rates)
+    return DriveOutputs(net, level, acceleration, link, sent, gear.torsion, gear.wound, gear.spring_torque, rates)
 
 
-def never_driving(level: Any, effects: list[Effect]) -> Any:
+def keep_friction_positive(level: Any, effects: list[Effect]) -> Any:
     """Keep the level of dry friction from falling below 0, where several effects add up to it.
 
     Args:
@@ -152,7 +152,7 @@ def never_driving(level: Any, effects: list[Effect]) -> Any:
     return level
 
 
-def _flexible_transmission(ports: _Ports, spring_torque: Any) -> _Transmission:
+def _write_transmission(ports: _PortSums, spring_torque: Any) -> _Transmission:
     """The gear with springs: torsion, the springs' torque, and the torque that it transmits."""
     symbols, p, motor = ports.symbols, ports.p, ports.motor
     theta, omega = symbols.motor_position, symbols.motor_velocity
@@ -167,6 +167,6 @@ def _flexible_transmission(ports: _Ports, spring_torque: Any) -> _Transmission:
         phi_rate = phi_rate * (1 - (phi == play) * (phi != 0))
     spring = spring_torque
     if spring is None:
-        spring = harmonic_drive.spring_torque(wound, harmonic_drive.springs(p), p["inverse"], symbols.plan)
+        spring = harmonic_drive.spring_torque(wound, harmonic_drive.spring_constants(p), p["inverse"], symbols.plan)
     tau = ports.add_up(Port.TRANSMISSION, 0, torsion=phi, torsion_rate=phi_rate, spring_torque=spring, **motor)
     return _Transmission(tau, phi, wound, spring, slope)

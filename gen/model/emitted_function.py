@@ -12,7 +12,7 @@ SX = ca.SX
 
 
 @dataclass(frozen=True)
-class Emitted:
+class EmittedFunction:
     """A function to emit: the graph, and its purpose in words."""
 
     graph: ca.Function
@@ -34,7 +34,7 @@ class Emitted:
         return tuple((self.graph.name_out(k), self.graph.numel_out(k)) for k in range(self.graph.n_out()))
 
 
-def dense(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> ca.Function:
+def make_dense_function(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> ca.Function:
     """Make a Function of dense column vectors.
 
     Args:

@@ -9,9 +9,9 @@ import casadi as ca
 
 from gen.model import torque_estimate
 from gen.model.arm_model import Model, solve_symmetric
-from gen.model.compliance_laws import Law, laws
-from gen.model.emitted_function import Emitted, dense
-from gen.model.right_hand_side import Graphs, assemble
+from gen.model.compliance_laws import Law, make_laws
+from gen.model.emitted_function import EmittedFunction, make_dense_function
+from gen.model.right_hand_side import Graphs, assemble_graphs
 
 SX = ca.SX
 
@@ -21,11 +21,11 @@ class Library:
     """The graphs of a model, every function to emit, and the controllers among them."""
 
     graphs: Graphs
-    functions: tuple[Emitted, ...]
+    functions: tuple[EmittedFunction, ...]
     laws: tuple[Law, ...]
 
 
-def library(model: Model) -> Library:
+def make_library(model: Model) -> Library:
     """Write the library of a model.
 
     Args:
@@ -35,32 +35,35 @@ def library(model: Model) -> Library:
         Its graphs, its functions and its controllers.
 
     """
-    graphs = assemble(model)
-    controllers = laws(model, graphs.c)
-    ticks = tuple(f for law in controllers for f in (law.start, law.tick))
+    graphs = assemble_graphs(model)
+    controllers = make_laws(model, graphs.c)
+    ticks = tuple(f for law in controllers for f in (law.start_function, law.tick_function))
     own = (_torque_estimate(model, graphs.c), _force_map(model, graphs.c))
     return Library(graphs, (*graphs.functions, *own, *ticks), controllers)
 
 
-def _torque_estimate(model: Model, c: Any) -> Emitted:
+def _torque_estimate(model: Model, c: Any) -> EmittedFunction:
     names = ("motor_position", "joint_position", "motor_velocity", "motor_acceleration", "motor_torque")
     ins = {name: SX.sym(name, model.n) for name in names}
     theta, q, omega, alpha, torque = ins.values()
-    found = torque_estimate.estimates(model, theta, q, omega, alpha, torque)
-    return Emitted(dense("torque_estimate", {**ins, "c": c}, found), "joint torque from torsion, N m: three estimates")
+    found = torque_estimate.estimate_torques(model, theta, q, omega, alpha, torque)
+    return EmittedFunction(
+        make_dense_function("torque_estimate", {**ins, "c": c}, found),
+        "joint torque from torsion, N m: three estimates",
+    )
 
 
-def _force_map(model: Model, c: Any) -> Emitted:
+def _force_map(model: Model, c: Any) -> EmittedFunction:
     """(JJᵀ)⁻¹ J N, by rows: the map to the force that the guard limits.
 
     Near singular poses it grows without bound, and so does that force.
     """
     q = SX.sym("q", model.n)
-    J = model.chain.jacobian(q, model.chain_parameters())
+    J = model.chain.tip_jacobian(q, model.chain_parameters())
     square = J @ J.T + 1e-12 * SX.eye(2)
-    ratios = ca.diag(ca.vertcat(*(model.of_joint(j)["ratio"] for j in model.joints)))
+    ratios = ca.diag(ca.vertcat(*(model.joint_parameters(j)["ratio"] for j in model.joints)))
     columns = [solve_symmetric(square, (J @ ratios)[:, j]) for j in range(model.n)]
-    return Emitted(
-        dense("force_map", {"q": q, "c": c}, {"map": ca.horzcat(*columns).T}),
+    return EmittedFunction(
+        make_dense_function("force_map", {"q": q, "c": c}, {"map": ca.horzcat(*columns).T}),
         "static force at the tip by motor torque, N/(N m), row by row",
     )

@@ -12,12 +12,12 @@ import casadi as ca
 
 from gen.effects.effect import Port, Signals
 from gen.model.arm_model import Model
-from gen.model.emitted_function import Emitted, dense
+from gen.model.emitted_function import EmittedFunction, make_dense_function
 
 SX = ca.SX
 
 
-def law(model: Model, c: Any) -> Emitted:
+def emit_input_law(model: Model, c: Any) -> EmittedFunction:
     """Write the input effects: (command, c) -> current (n), its delay, s (n), time constant of its lag, s (n).
 
     Args:
@@ -31,12 +31,14 @@ def law(model: Model, c: Any) -> Emitted:
     command = SX.sym("command", model.n)
     through, late, constant = [], [], []
     for j in model.joints:
-        p, current = model.of_joint(j), command[j - 1]
-        for effect in model.at(Port.INPUT, j):
+        p, current = model.joint_parameters(j), command[j - 1]
+        for effect in model.effects_at(Port.INPUT, j):
             current = effect.equation(Signals(current=current), p)
         through.append(current)
-        late.append(sum((e.equation(Signals(), p) for e in model.at(Port.DELAY, j)), SX(0)))
-        constant.append(sum((e.equation(Signals(), p) for e in model.at(Port.LAG, j)), SX(0)))
+        late.append(sum((e.equation(Signals(), p) for e in model.effects_at(Port.DELAY, j)), SX(0)))
+        constant.append(sum((e.equation(Signals(), p) for e in model.effects_at(Port.LAG, j)), SX(0)))
     made = {"current": ca.vertcat(*through), "delay": ca.vertcat(*late), "lag": ca.vertcat(*constant)}
-    graph = dense("input_law", {"command": command, "c": c}, made)
-    return Emitted(graph, "what input effects let through of a command, its delay and the time constant of its lag, s")
+    graph = make_dense_function("input_law", {"command": command, "c": c}, made)
+    return EmittedFunction(
+        graph, "what input effects let through of a command, its delay and the time constant of its lag, s"
+    )

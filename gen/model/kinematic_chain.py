@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 
 Parameters = Mapping[str, Any]
-Trig = tuple[Sequence[Any], Sequence[Any]]
+SinesAndCosines = tuple[Sequence[Any], Sequence[Any]]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Body:
     """A link with everything that is fixed to it: mass, first moment along x, inertia about the joint's axis."""
 
     mass: Any
-    moment: Any
+    first_moment: Any
     inertia: Any
 
 
@@ -56,7 +56,7 @@ class Chain:
             return 0
         return p[f"length_{j + 1}"]
 
-    def bodies(self, p: Parameters) -> list[Body]:
+    def rigid_bodies(self, p: Parameters) -> list[Body]:
         """Find the links about their joints' axes.
 
         Args:
@@ -73,12 +73,12 @@ class Chain:
         extra = p.get("tip_mass", 0)
         length = self._length(self.n - 1, p)
         last = bodies[-1]
-        bodies[-1] = Body(last.mass + extra, last.moment + extra * length, last.inertia + extra * length * length)
+        bodies[-1] = Body(last.mass + extra, last.first_moment + extra * length, last.inertia + extra * length * length)
         return bodies
 
     # -- geometry ---------------------------------------------------------------------------------------------------
 
-    def trig(self, q: Any) -> Trig:
+    def sines_and_cosines(self, q: Any) -> SinesAndCosines:
         """Find sine and cosine of the revolute joints' angles; 0 and 1 for prismatic joints.
 
         Args:
@@ -95,21 +95,21 @@ class Chain:
                 sines[j], cosines[j] = ca.sin(q[j]), ca.cos(q[j])
         return sines, cosines
 
-    def _into(self, j: int, trig: Trig, x: Any, y: Any) -> tuple[Any, Any]:
+    def _rotate_into_frame(self, j: int, trig: SinesAndCosines, x: Any, y: Any) -> tuple[Any, Any]:
         """Components in frame j of a vector given in frame j − 1."""
         if self.is_prismatic(j):
             return x, y
         s, c = trig[0][j], trig[1][j]
         return c * x + s * y, c * y - s * x
 
-    def _out_of(self, j: int, trig: Trig, x: Any, y: Any) -> tuple[Any, Any]:
+    def _rotate_out_of_frame(self, j: int, trig: SinesAndCosines, x: Any, y: Any) -> tuple[Any, Any]:
         """Components in frame j − 1 of a vector given in frame j."""
         if self.is_prismatic(j):
             return x, y
         s, c = trig[0][j], trig[1][j]
         return c * x - s * y, s * x + c * y
 
-    def _reach(self, j: int, q: Any, p: Parameters) -> Any:
+    def _offset_to_frame(self, j: int, q: Any, p: Parameters) -> Any:
         """Distance from the origin of frame j − 1 to that of frame j, along x of frame j − 1."""
         before = 0
         if j > 0:
@@ -118,7 +118,7 @@ class Chain:
             return before + q[j]
         return before
 
-    def points(self, q: Any, p: Parameters) -> Any:
+    def joint_origins(self, q: Any, p: Parameters) -> Any:
         """Find where the joints and the tip are.
 
         Args:
@@ -129,19 +129,19 @@ class Chain:
             Origins of the joints, then the tip ((n + 1) × 2), in the base frame, m.
 
         """
-        trig = self.trig(q)
+        trig = self.sines_and_cosines(q)
         rows = []
         for end in range(self.n + 1):
             x, y = 0, 0
             if end == self.n:
                 x = self._length(self.n - 1, p)
             for j in reversed(range(min(end + 1, self.n))):
-                x, y = self._out_of(j, trig, x, y)
-                x = x + self._reach(j, q, p)
+                x, y = self._rotate_out_of_frame(j, trig, x, y)
+                x = x + self._offset_to_frame(j, q, p)
             rows.append(ca.horzcat(x, y))
         return ca.vertcat(*rows)
 
-    def tip(self, q: Any, p: Parameters) -> Any:
+    def tip_position(self, q: Any, p: Parameters) -> Any:
         """Find where the tip is.
 
         Args:
@@ -152,9 +152,9 @@ class Chain:
             The tip in the base frame (2), m.
 
         """
-        return self.points(q, p)[self.n, :].T
+        return self.joint_origins(q, p)[self.n, :].T
 
-    def jacobian(self, q: Any, p: Parameters) -> Any:
+    def tip_jacobian(self, q: Any, p: Parameters) -> Any:
         """Find the Jacobian of the tip.
 
         Args:
@@ -165,23 +165,23 @@ class Chain:
             ∂tip/∂q (2 × n) in the base frame.
 
         """
-        trig = self.trig(q)
+        trig = self.sines_and_cosines(q)
         columns = []
         for j in range(self.n):
             x, y = self._length(self.n - 1, p), 0
             for k in reversed(range(j + 1, self.n)):  # the tip as seen from the origin of frame j
-                x, y = self._out_of(k, trig, x, y)
-                x = x + self._reach(k, q, p)
+                x, y = self._rotate_out_of_frame(k, trig, x, y)
+                x = x + self._offset_to_frame(k, q, p)
             if self.is_prismatic(j):
                 x, y = 1, 0
             else:
                 x, y = -y, x
             for k in reversed(range(j + 1)):
-                x, y = self._out_of(k, trig, x, y)
+                x, y = self._rotate_out_of_frame(k, trig, x, y)
             columns.append(ca.vertcat(x, y))
         return ca.horzcat(*columns)
 
-    def branches(self, point: Any, p: Parameters) -> Any:
+    def inverse_branches(self, point: Any, p: Parameters) -> Any:
         """Find both inverse branches of the arm of two revolute joints, paper (21) corrected.
 
         Out of reach the cosine is outside [−1, 1] and every entry is NaN, so no posture is ever invented.
@@ -209,8 +209,15 @@ class Chain:
 
     # -- dynamics ---------------------------------------------------------------------------------------------------
 
-    def recursion(
-        self, q: Any, v: Any, a: Any, p: Parameters, gravity: Any, force: Any = (0, 0), trig: Trig | None = None
+    def newton_euler(
+        self,
+        q: Any,
+        v: Any,
+        a: Any,
+        p: Parameters,
+        gravity: Any,
+        force: Any = (0, 0),
+        trig: SinesAndCosines | None = None,
     ) -> Any:
         """Find the joint torques of a motion by the recursion of Newton and Euler.
 
@@ -227,14 +234,14 @@ class Chain:
             M a + C v + g − Jᵀ F (n), N m or N.
 
         """
-        trig = trig or self.trig(q)
-        bodies = self.bodies(p)
+        trig = trig or self.sines_and_cosines(q)
+        bodies = self.rigid_bodies(p)
         spin, spun = 0, 0  # angular velocity and acceleration of the frame
         ax, ay = -gravity[0], -gravity[1]
         fx, fy = force[0], force[1]
         pulls: list[tuple[Any, Any, Any]] = []
         for j, body in enumerate(bodies):
-            reach = self._reach(j, q, p)
+            reach = self._offset_to_frame(j, q, p)
             ax, ay = (
                 ax - spin * spin * reach,
                 ay + spun * reach,
@@ -243,13 +250,13 @@ class Chain:
                 ax, ay = ax + a[j], ay + 2 * spin * v[j]
             else:
                 spin, spun = spin + v[j], spun + a[j]
-            ax, ay = self._into(j, trig, ax, ay)
-            fx, fy = self._into(j, trig, fx, fy)
+            ax, ay = self._rotate_into_frame(j, trig, ax, ay)
+            fx, fy = self._rotate_into_frame(j, trig, fx, fy)
             pulls.append(
                 (
-                    body.mass * ax - body.moment * spin * spin,
-                    body.mass * ay + body.moment * spun,
-                    body.inertia * spun + body.moment * ay,
+                    body.mass * ax - body.first_moment * spin * spin,
+                    body.mass * ay + body.first_moment * spun,
+                    body.inertia * spun + body.first_moment * ay,
                 )
             )
         px, py, pn = -fx, -fy, -self._length(self.n - 1, p) * fy
@@ -257,8 +264,8 @@ class Chain:
         for j in reversed(range(self.n)):
             px, py, pn = px + pulls[j][0], py + pulls[j][1], pn + pulls[j][2]
             torques.append(self._along_joint(j, px, pn))
-            px, py = self._out_of(j, trig, px, py)
-            pn = pn + self._reach(j, q, p) * py
+            px, py = self._rotate_out_of_frame(j, trig, px, py)
+            pn = pn + self._offset_to_frame(j, q, p) * py
         return ca.vertcat(*reversed(torques))
 
     def _along_joint(self, j: int, force: Any, moment: Any) -> Any:
@@ -267,7 +274,7 @@ class Chain:
             return force
         return moment
 
-    def mass_matrix(self, q: Any, p: Parameters, trig: Trig | None = None) -> Any:
+    def mass_matrix(self, q: Any, p: Parameters, trig: SinesAndCosines | None = None) -> Any:
         """Find the mass matrix of the links by composite bodies; reflected rotors are not in it.
 
         Args:
@@ -279,12 +286,12 @@ class Chain:
             M(q) (n × n), kg m² or kg.
 
         """
-        trig = trig or self.trig(q)
-        bodies = self.bodies(p)
+        trig = trig or self.sines_and_cosines(q)
+        bodies = self.rigid_bodies(p)
         M = ca.SX.zeros(self.n, self.n)
         mass, hx, hy, inertia = 0, 0, 0, 0  # everything outboard, about the origin of frame j
         for j in reversed(range(self.n)):
-            mass, hx, inertia = mass + bodies[j].mass, hx + bodies[j].moment, inertia + bodies[j].inertia
+            mass, hx, inertia = mass + bodies[j].mass, hx + bodies[j].first_moment, inertia + bodies[j].inertia
             # force and moment that accelerate the composite body along joint j
             if self.is_prismatic(j):
                 fx, fy, moment = mass, 0, -hy
@@ -292,17 +299,17 @@ class Chain:
                 fx, fy, moment = -hy, hx, inertia
             M[j, j] = self._along_joint(j, fx, moment)
             for k in reversed(range(j)):
-                fx, fy = self._out_of(k + 1, trig, fx, fy)
-                moment = moment + self._reach(k + 1, q, p) * fy
+                fx, fy = self._rotate_out_of_frame(k + 1, trig, fx, fy)
+                moment = moment + self._offset_to_frame(k + 1, q, p) * fy
                 M[k, j] = M[j, k] = self._along_joint(k, fx, moment)
             if j > 0:
-                hx, hy = self._out_of(j, trig, hx, hy)
-                reach = self._reach(j, q, p)
+                hx, hy = self._rotate_out_of_frame(j, trig, hx, hy)
+                reach = self._offset_to_frame(j, q, p)
                 inertia = inertia + reach * (2 * hx + reach * mass)
                 hx = hx + reach * mass
         return M
 
-    def gravity(self, q: Any, p: Parameters) -> Any:
+    def gravity_torque(self, q: Any, p: Parameters) -> Any:
         """Find the torque that holds the arm at rest.
 
         Args:
@@ -314,9 +321,9 @@ class Chain:
 
         """
         zero = [0] * self.n
-        return self.recursion(q, zero, zero, p, (p["gravity_x"], p["gravity_y"]))
+        return self.newton_euler(q, zero, zero, p, (p["gravity_x"], p["gravity_y"]))
 
-    def bias(self, q: Any, v: Any, p: Parameters) -> Any:
+    def bias_torque(self, q: Any, v: Any, p: Parameters) -> Any:
         """Find the torque of a motion without acceleration.
 
         Args:
@@ -328,7 +335,7 @@ class Chain:
             C(q, v) v + g(q) (n), N m or N.
 
         """
-        return self.recursion(q, v, [0] * self.n, p, (p["gravity_x"], p["gravity_y"]))
+        return self.newton_euler(q, v, [0] * self.n, p, (p["gravity_x"], p["gravity_y"]))
 
     def coriolis_matrix(self, q: Any, v: Any, p: Parameters) -> Any:
         """Find the Coriolis matrix by Christoffel symbols, so that dM/dt − 2C is skew.

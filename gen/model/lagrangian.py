@@ -55,7 +55,7 @@ class Lagrangian:
 
 
 @dataclass(frozen=True)
-class Lambdified:
+class NumericLagrangian:
     """The same as NumPy functions f(q, v, parameters by name) -> array."""
 
     mass_matrix: Numeric
@@ -68,7 +68,7 @@ class Lambdified:
 
 
 @cache
-def derive(kinds: tuple[str, ...], drives: tuple[str, ...] = ()) -> Lagrangian:
+def derive_lagrangian(kinds: tuple[str, ...], drives: tuple[str, ...] = ()) -> Lagrangian:
     """Derive the equations of motion of a chain.
 
     Args:
@@ -82,20 +82,20 @@ def derive(kinds: tuple[str, ...], drives: tuple[str, ...] = ()) -> Lagrangian:
         ValueError: The chain is none, with one sentence for each problem.
 
     """
-    _check(kinds, drives)
+    _check_arguments(kinds, drives)
     n = len(kinds)
-    joints = _symbols("joint_position", range(n))
-    rates = _symbols("joint_velocity", range(n))
+    joints = _joint_symbols("joint_position", range(n))
+    rates = _joint_symbols("joint_velocity", range(n))
     flexible = [j for j in range(n) if drives and drives[j] == "flexible"]
-    motors, motor_rates = _symbols("motor_position", flexible), _symbols("motor_velocity", flexible)
+    motors, motor_rates = _joint_symbols("motor_position", flexible), _joint_symbols("motor_velocity", flexible)
     q, v = motors + joints, motor_rates + rates
 
-    kinetic, height, tip = _links(kinds, joints, rates)
+    kinetic, height, tip = _link_energies(kinds, joints, rates)
     if drives:
-        theta_rate = {j: _of("ratio", j) * rates[j] for j in range(n)}
+        theta_rate = {j: _joint_symbol("ratio", j) * rates[j] for j in range(n)}
         theta_rate |= dict(zip(flexible, motor_rates, strict=True))
-        kinetic += sum(_of("motor_inertia", j) * theta_rate[j] ** 2 for j in range(n)) / 2
-    springs, torques, spring_torques = _springs(flexible, joints, motors, q)
+        kinetic += sum(_joint_symbol("motor_inertia", j) * theta_rate[j] ** 2 for j in range(n)) / 2
+    springs, torques, spring_torques = _spring_terms(flexible, joints, motors, q)
 
     M = sp.hessian(kinetic, v)
     return Lagrangian(
@@ -103,11 +103,11 @@ def derive(kinds: tuple[str, ...], drives: tuple[str, ...] = ()) -> Lagrangian:
         drives=drives,
         q=q,
         v=v,
-        parameters=_parameters(n, bool(drives)),
+        parameters=_parameter_symbols(n, bool(drives)),
         joint_torques=torques,
         mass_matrix=sp.ImmutableMatrix(M),
-        coriolis_matrix=_christoffel(M, q, v),
-        gravity=_gradient(height, q),
+        coriolis_matrix=_christoffel_matrix(M, q, v),
+        gravity=_energy_gradient(height, q),
         spring_torques=spring_torques,
         tip=sp.ImmutableMatrix(tip),
         jacobian=sp.ImmutableMatrix(tip.jacobian(q)),
@@ -117,7 +117,7 @@ def derive(kinds: tuple[str, ...], drives: tuple[str, ...] = ()) -> Lagrangian:
 
 
 @cache
-def lambdified(model: Lagrangian) -> Lambdified:
+def make_numeric(model: Lagrangian) -> NumericLagrangian:
     """Make NumPy functions of a model.
 
     Args:
@@ -140,10 +140,10 @@ def lambdified(model: Lagrangian) -> Lambdified:
         function = sp.lambdify([model.q, model.v, model.parameters], expression, modules="numpy", cse=True)
         return lambda q, v, p: np.asarray(function(q, v, [p[name] for name in names]), dtype=float)
 
-    return Lambdified(**{field.name: numeric(getattr(model, field.name)) for field in fields(Lambdified)})
+    return NumericLagrangian(**{field.name: numeric(getattr(model, field.name)) for field in fields(NumericLagrangian)})
 
 
-def _check(kinds: tuple[str, ...], drives: tuple[str, ...]) -> None:
+def _check_arguments(kinds: tuple[str, ...], drives: tuple[str, ...]) -> None:
     problems = []
     if not 1 <= len(kinds) <= MOST_JOINTS:
         problems.append(f"the Lagrangian is derived for 1 to {MOST_JOINTS} joints, not for {len(kinds)}")
@@ -159,25 +159,25 @@ def _check(kinds: tuple[str, ...], drives: tuple[str, ...]) -> None:
         raise ValueError("\n".join(problems))
 
 
-def _of(name: str, joint: int) -> sp.Symbol:
+def _joint_symbol(name: str, joint: int) -> sp.Symbol:
     """The symbol of a joint's quantity under its name in docs/design.md; joints count from 1 there."""
     return sp.Symbol(f"{name}_{joint + 1}", real=True)
 
 
-def _symbols(name: str, joints: Sequence[int]) -> tuple[sp.Symbol, ...]:
-    return tuple(_of(name, j) for j in joints)
+def _joint_symbols(name: str, joints: Sequence[int]) -> tuple[sp.Symbol, ...]:
+    return tuple(_joint_symbol(name, j) for j in joints)
 
 
-def _gravity() -> sp.Matrix:
+def _gravity_vector() -> sp.Matrix:
     return sp.Matrix(sp.symbols("gravity_x gravity_y", real=True))
 
 
-def _parameters(n: int, driven: bool) -> tuple[sp.Symbol, ...]:
+def _parameter_symbols(n: int, driven: bool) -> tuple[sp.Symbol, ...]:
     names = ["length", "mass", "center_of_mass", "inertia"] + ["ratio", "motor_inertia"] * driven
-    return tuple(_gravity()) + tuple(_of(name, j) for j in range(n) for name in names)
+    return tuple(_gravity_vector()) + tuple(_joint_symbol(name, j) for j in range(n) for name in names)
 
 
-def _links(
+def _link_energies(
     kinds: tuple[str, ...], q: tuple[sp.Symbol, ...], v: tuple[sp.Symbol, ...]
 ) -> tuple[sp.Expr, sp.Expr, sp.Matrix]:
     """Kinetic energy, potential energy and tip of the links. A prismatic link slides along its x and has no length."""
@@ -185,36 +185,36 @@ def _links(
     for j, kind in enumerate(kinds):
         slide, length = q[j], 0
         if kind == "revolute":
-            slide, length = 0, _of("length", j)
+            slide, length = 0, _joint_symbol("length", j)
             angle = angle + q[j]
         along = sp.Matrix([sp.cos(angle), sp.sin(angle)])
-        center = origin + (slide + _of("center_of_mass", j)) * along
+        center = origin + (slide + _joint_symbol("center_of_mass", j)) * along
         velocity = center.jacobian(q) * sp.Matrix(v)
         spin = sp.Matrix([sp.diff(angle, coordinate) for coordinate in q]).dot(v)
-        kinetic += (_of("mass", j) * velocity.dot(velocity) + _of("inertia", j) * spin**2) / 2
-        potential -= _of("mass", j) * _gravity().dot(center)
+        kinetic += (_joint_symbol("mass", j) * velocity.dot(velocity) + _joint_symbol("inertia", j) * spin**2) / 2
+        potential -= _joint_symbol("mass", j) * _gravity_vector().dot(center)
         origin = origin + (slide + length) * along
     return kinetic, potential, origin
 
 
-def _springs(
+def _spring_terms(
     flexible: list[int], joints: tuple[sp.Symbol, ...], motors: tuple[sp.Symbol, ...], q: tuple[sp.Symbol, ...]
 ) -> tuple[sp.Expr, tuple[sp.Symbol, ...], sp.ImmutableMatrix]:
     """Stored energy, joint torques and generalised spring torques: U any function of φ = θ/N − q, and τ its slope."""
-    torques = _symbols("joint_torque", flexible)
+    torques = _joint_symbols("joint_torque", flexible)
     stored, along = sp.S.Zero, sp.zeros(len(q), 1)
     for j, theta, torque in zip(flexible, motors, torques, strict=True):
-        torsion = theta / _of("ratio", j) - joints[j]
+        torsion = theta / _joint_symbol("ratio", j) - joints[j]
         stored += sp.Function(f"stored_energy_{j + 1}")(torsion)
         along += torque * sp.Matrix([sp.diff(torsion, coordinate) for coordinate in q])
     return stored, torques, sp.ImmutableMatrix(along)
 
 
-def _gradient(expression: sp.Expr, q: tuple[sp.Symbol, ...]) -> sp.ImmutableMatrix:
+def _energy_gradient(expression: sp.Expr, q: tuple[sp.Symbol, ...]) -> sp.ImmutableMatrix:
     return sp.ImmutableMatrix([sp.diff(expression, coordinate) for coordinate in q])
 
 
-def _christoffel(M: sp.Matrix, q: tuple[sp.Symbol, ...], v: tuple[sp.Symbol, ...]) -> sp.ImmutableMatrix:
+def _christoffel_matrix(M: sp.Matrix, q: tuple[sp.Symbol, ...], v: tuple[sp.Symbol, ...]) -> sp.ImmutableMatrix:
     """C_ij = Σ_k (∂M_ij/∂q_k + ∂M_ik/∂q_j − ∂M_jk/∂q_i) v_k / 2, for which Ṁ − 2C is skew."""
     slopes = [M.diff(coordinate) for coordinate in q]
     n = len(q)

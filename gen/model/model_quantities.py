@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gen.effects.effect import Effect, Parameter, State
-from gen.model.harmonic_drive import SPREAD
+from gen.model.harmonic_drive import SPRING_SPREAD
 from gen.robot import typical_loads
 from gen.robot.description import Robot, Value
 from gen.robot.gear_catalogue import SPRING_KEYS
-from gen.robot.model_parameters import ParameterValue, parameters
-from gen.robot.schema import keys
+from gen.robot.model_parameters import ParameterValue, list_parameters
+from gen.robot.schema import keys_of
 
 TIP_FORCE = 100.0  # N, along each axis, up to which the model is meant to be used
 
@@ -60,8 +60,8 @@ def list_states(robot: Robot, effect_states: Sequence[tuple[State, int]]) -> tup
     """
     slots = []
     for quantity, unit, size in (
-        ("position", "rad", typical_loads.POSITION),
-        ("velocity", "rad/s", typical_loads.VELOCITY),
+        ("position", "rad", typical_loads.MEANT_POSITION),
+        ("velocity", "rad/s", typical_loads.MEANT_VELOCITY),
     ):
         for j, joint in enumerate(robot.joints, 1):
             if not joint.drive.rigid:
@@ -111,8 +111,8 @@ def list_quantities(
         The entries in the order of p.
 
     """
-    amplitude_of = {key: effect for effect, _ in effects for key in effect.sizes}
-    found = [_base_quantity(robot, value, amplitude_of) for value in parameters(robot)]
+    amplitude_of = {key: effect for effect, _ in effects for key in effect.usual_shares}
+    found = [_base_quantity(robot, value, amplitude_of) for value in list_parameters(robot)]
     stated = {(effect.name, effect.joint): effect.parameters for effect in robot.effects}
     for effect, joints in effects:
         for j in joints:
@@ -123,7 +123,7 @@ def list_quantities(
     return tuple(found)
 
 
-def memory_step(step: float) -> Quantity:
+def memory_step_quantity(step: float) -> Quantity:
     """Describe the step for which slowed states of effects are prepared.
 
     Whoever integrates with another step sets this parameter to it.
@@ -135,7 +135,7 @@ def memory_step(step: float) -> Quantity:
         The entry of p.
 
     """
-    key = keys("")["step"]
+    key = keys_of("")["step"]
     meaning = "integration step, faster than which no memory of an effect builds up"
     return Quantity("memory_step", 0, "s", step, key.range.low, key.range.high, 0.0, meaning)
 
@@ -145,12 +145,12 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
     low, high = value.low, value.high
     key = value.name.rpartition("_")[0]
     if key in SPRING_KEYS:  # where the springs' inverse keeps its error, and a robot file may state them
-        low = max(min(low, value.nominal), value.nominal / SPREAD)
-        high = min(max(high, value.nominal), value.nominal * SPREAD)
+        low = max(min(low, value.nominal), value.nominal / SPRING_SPREAD)
+        high = min(max(high, value.nominal), value.nominal * SPRING_SPREAD)
     name, typical = None, None
     if key in amplitude_of:
         effect = amplitude_of[key]
-        name, typical = effect.name, effect.sizes[key] * typical_loads.usual(robot, value.joint, key)
+        name, typical = effect.name, effect.usual_shares[key] * typical_loads.usual_size(robot, value.joint, key)
     return Quantity(
         value.name,
         value.joint,
@@ -205,13 +205,13 @@ def _effect_quantity(
         parameter.meaning,
         effect.name,
         role,
-        _scaled(parameter.typical, factor),
-        _scaled(parameter.everywhere, factor),
+        _scale_size(parameter.typical, factor),
+        _scale_size(parameter.everywhere, factor),
         tuple(start * factor for start in parameter.starts),
     )
 
 
-def _scaled(size: float | None, factor: float) -> float | None:
+def _scale_size(size: float | None, factor: float) -> float | None:
     if size is None:
         return None
     return size * factor
@@ -226,4 +226,4 @@ def _scale_factor(robot: Robot, scale: str | None, j: int) -> float:
 def _usual_size(robot: Robot, key: str, j: int) -> float:
     if key in ("1", ""):
         return 1.0
-    return typical_loads.usual(robot, j, key)
+    return typical_loads.usual_size(robot, j, key)

@@ -11,11 +11,11 @@ import casadi as ca
 from gen.effects.effect import Port
 from gen.model import harmonic_drive, input_effects, mechanics
 from gen.model.arm_model import Model
-from gen.model.drive_equations import Drives
-from gen.model.emitted_function import Emitted, dense
+from gen.model.drive_equations import DriveOutputs
+from gen.model.emitted_function import EmittedFunction, make_dense_function
 
 SX = ca.SX
-DRIVE = {  # ports whose effects stand in the graph of one drive
+DRIVE_PORTS = {  # ports whose effects stand in the graph of one drive
     Port.WARMTH, Port.FRICTION, Port.MOTOR, Port.TORSION, Port.PLAY, Port.SERIES, Port.TRANSMISSION, Port.LINK,
 }  # fmt: skip
 
@@ -26,7 +26,7 @@ class Lane:
 
     joints: tuple[int, ...]
     width: int  # of the vector: 2, 4, 8
-    states: tuple[tuple[int, ...], ...]  # for each state that the graph reads: its index in x for each joint
+    state_entries: tuple[tuple[int, ...], ...]  # for each state that the graph reads: its index in x for each joint
     smooth: (
         ca.Function
     )  # (state entries…, input, constants) -> (acceleration or net torque, joint torque, sine, cosine, rates…)
@@ -55,10 +55,10 @@ class Graphs:
     holding_chain: ca.Function  # (x, u, sliding, lane outputs, c) -> (hold, level)
     preparation: Preparation
     c: Any
-    functions: tuple[Emitted, ...] = field(default_factory=tuple)
+    functions: tuple[EmittedFunction, ...] = field(default_factory=tuple)
 
 
-def hoist(expressions: list[Any], p: Any) -> tuple[list[Any], list[Any], list[Any]]:
+def hoist_constants(expressions: list[Any], p: Any) -> tuple[list[Any], list[Any], list[Any]]:
     """Replace every part of the expressions that depends on p alone by a symbol.
 
     Args:
@@ -82,8 +82,8 @@ class Constants:
 
     def __init__(self, model: Model) -> None:
         self.symbols, self.definitions = [model.p], [model.p]
-        self.derived = model.derived()
-        self.add(*self.derived)
+        self.inverse_pair = model.inverse_definitions()
+        self.add(*self.inverse_pair)
         self.fixed = ca.vertcat(*self.symbols)  # the symbols on which hoisted expressions may depend
 
     def add(self, symbols: Any, definitions: Any) -> None:
@@ -93,7 +93,7 @@ class Constants:
 
     def hoist(self, expressions: list[Any]) -> list[Any]:
         """The expressions over c."""
-        changed, symbols, definitions = hoist(expressions, self.fixed)
+        changed, symbols, definitions = hoist_constants(expressions, self.fixed)
         first = sum(s.numel() for s in self.symbols)
         renamed = [SX.sym(f"e{first + k}") for k in range(len(symbols))]
         if symbols:
@@ -108,31 +108,32 @@ class Constants:
 
     def preparation(self, model: Model) -> Preparation:
         """The function p -> c in two parts."""
-        symbols, definition = model.derived()
+        symbols, definition = model.inverse_definitions()
         rest = ca.Function(
             "rest", [model.p, symbols], [ca.vertcat(*self.definitions[:1], symbols, *self.definitions[2:])]
         )
         if not model.flexible:
             return Preparation(None, (), rest)
-        count = model.inverse[model.flexible[0]].numel()
+        count = model.inverse_symbols[model.flexible[0]].numel()
         places = {
-            j: _dependencies(definition[k * count : (k + 1) * count], model.p) for k, j in enumerate(model.flexible)
+            j: _find_dependencies(definition[k * count : (k + 1) * count], model.p)
+            for k, j in enumerate(model.flexible)
         }
         first = model.flexible[0]
         inverse = ca.Function("inverse", [model.p[list(places[first])]], [definition[:count]], {"cse": True})
         return Preparation(inverse, tuple(places.values()), rest)
 
-    def made(self) -> Any:
+    def definitions_in_p(self) -> Any:
         """All of c as functions of p alone."""
-        return ca.substitute(ca.vertcat(*self.definitions), *self.derived)
+        return ca.substitute(ca.vertcat(*self.definitions), *self.inverse_pair)
 
 
-def _dependencies(expression: Any, p: Any) -> tuple[int, ...]:
+def _find_dependencies(expression: Any, p: Any) -> tuple[int, ...]:
     """Entries of p that the expression depends on."""
     return tuple(k for k in range(p.numel()) if ca.depends_on(expression, p[k]))
 
 
-def assemble(model: Model) -> Graphs:
+def assemble_graphs(model: Model) -> Graphs:
     """Write everything that is emitted for a model.
 
     Args:
@@ -143,22 +144,22 @@ def assemble(model: Model) -> Graphs:
 
     """
     constants = Constants(model)
-    lanes = tuple(_lane(model, joints, constants) for joints in _groups(model))
+    lanes = tuple(_make_lane(model, joints, constants) for joints in _group_joints(model))
     D = {j: _lane_symbols(model, lane, j) for lane in lanes for j in lane.joints}
-    trig = _trig(model, D)
+    trig = _joint_trig(model, D)
     sliding = SX.sym("sliding", model.n)
-    smooth_rate, _ = model.motion({j: d for j, (d, _, _) in D.items()}, None, trig)
-    exact_rate, hold = model.motion({j: d for j, (d, _, _) in D.items()}, sliding, trig)
+    smooth_rate, _ = model.equations_of_motion({j: d for j, (d, _, _) in D.items()}, None, trig)
+    exact_rate, hold = model.equations_of_motion({j: d for j, (d, _, _) in D.items()}, sliding, trig)
     smooth_rate, exact_rate, hold = constants.hoist([smooth_rate, exact_rate, hold])
     jacobians = constants.hoist(_rate_jacobians(model))
     c = constants.c
     handed = ca.vertcat(*(ca.vertcat(*symbols) for _, symbols, _ in D.values()))
-    levels = ca.vertcat(*(D[j][0].level for j in model.joints))
+    levels = ca.vertcat(*(D[j][0].dry_friction for j in model.joints))
     ins = {"x": model.x, "u": model.u, "sliding": sliding, "handed": handed, "c": c}
     smooth_ins = {name: ins[name] for name in ins if name != "sliding"}
-    chain = dense("chain", smooth_ins, {"rate": smooth_rate})
-    exact_chain = dense("exact_chain", ins, {"rate": exact_rate})
-    holding_chain = dense("holding_chain", ins, {"hold": hold, "level": levels})
+    chain = make_dense_function("chain", smooth_ins, {"rate": smooth_rate})
+    exact_chain = make_dense_function("exact_chain", ins, {"rate": exact_rate})
+    holding_chain = make_dense_function("holding_chain", ins, {"hold": hold, "level": levels})
     smooth = _hand_over(model, lanes, None)
     exact = _hand_over(model, lanes, sliding)
     xuc = {"x": model.x, "u": model.u, "c": c}
@@ -166,49 +167,56 @@ def assemble(model: Model) -> Graphs:
     exact_rate = exact_chain(model.x, model.u, sliding, exact, c)
     hold, levels = holding_chain(model.x, model.u, sliding, exact, c)
     functions = [
-        Emitted(dense("prepare", {"p": model.p}, {"c": constants.made()}), "constants from parameters"),
-        Emitted(dense("rhs", xuc, {"rate": rate}), "rate of x, friction with the smooth sign"),
-        Emitted(
-            dense("rhs_exact", {"x": model.x, "u": model.u, "sliding": sliding, "c": c}, {"rate": exact_rate}),
+        EmittedFunction(
+            make_dense_function("prepare", {"p": model.p}, {"c": constants.definitions_in_p()}),
+            "constants from parameters",
+        ),
+        EmittedFunction(make_dense_function("rhs", xuc, {"rate": rate}), "rate of x, friction with the smooth sign"),
+        EmittedFunction(
+            make_dense_function(
+                "rhs_exact", {"x": model.x, "u": model.u, "sliding": sliding, "c": c}, {"rate": exact_rate}
+            ),
             "rate of x, each motor sliding in the given direction or stuck (0)",
         ),
-        Emitted(
-            dense("holding", {"x": model.x, "u": model.u, "sliding": sliding, "c": c}, {"hold": hold, "level": levels}),
+        EmittedFunction(
+            make_dense_function(
+                "holding", {"x": model.x, "u": model.u, "sliding": sliding, "c": c}, {"hold": hold, "level": levels}
+            ),
             "torque that holds each motor at rest, and the most that dry friction gives, N m at the motor",
         ),
-        Emitted(
-            dense("rhs_jacobian", xuc, dict(zip(("by_x", "by_u", "by_p"), jacobians, strict=True))),
+        EmittedFunction(
+            make_dense_function("rhs_jacobian", xuc, dict(zip(("by_x", "by_u", "by_p"), jacobians, strict=True))),
             "derivatives of the rate by x, u and p, column by column",
         ),
-        input_effects.law(model, c),
-        *mechanics.kinematics(model, c),
-        mechanics.positions(model, c),
-        *mechanics.dynamics(model, c),
+        input_effects.emit_input_law(model, c),
+        *mechanics.emit_kinematics(model, c),
+        mechanics.emit_positions(model, c),
+        *mechanics.emit_dynamics(model, c),
     ]
-    if model.stiff:
+    if model.needs_stiff_step:
         functions += _stiff_functions(model, xuc, jacobians[0])
     return Graphs(model, lanes, chain, exact_chain, holding_chain, constants.preparation(model), c, tuple(functions))
 
 
-def _stiff_functions(model: Model, xuc: dict[str, Any], by_x: Any) -> list[Emitted]:
+def _stiff_functions(model: Model, xuc: dict[str, Any], by_x: Any) -> list[EmittedFunction]:
     """The functions that the L-stable step needs besides the right-hand side."""
-    stiffness = dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)})
-    jacobian = dense("state_jacobian", xuc, {"by_x": by_x})
+    stiffness = make_dense_function("stiffness_rate", xuc, {"rate": _stiffness_rate(model)})
+    jacobian = make_dense_function("state_jacobian", xuc, {"by_x": by_x})
     return [
-        Emitted(stiffness, "fastest decay of a stiff state, 1/s"),
-        Emitted(jacobian, "derivative of the rate by x alone, column by column"),
+        EmittedFunction(stiffness, "fastest decay of a stiff state, 1/s"),
+        EmittedFunction(jacobian, "derivative of the rate by x alone, column by column"),
     ]
 
 
 # -- lanes ----------------------------------------------------------------------------------------------------------
 
 
-def _groups(model: Model) -> list[tuple[int, ...]]:
+def _group_joints(model: Model) -> list[tuple[int, ...]]:
     """Joints whose drives are the same graph: of one kind, with one kind of input and the same effects."""
     kinds: dict[Any, list[int]] = {}
     for j in model.joints:
         joint = model.robot.joints[j - 1]
-        acting = tuple(e.name for e in model.effects if e.port in DRIVE and j in model.applies(e))
+        acting = tuple(e.name for e in model.effects if e.port in DRIVE_PORTS and j in model.joints_of_effect(e))
         kinds.setdefault((joint.drive.rigid, joint.kind, joint.drive.torque_constant is None, acting), []).append(j)
     return [tuple(joints) for joints in kinds.values()]
 
@@ -217,36 +225,36 @@ def _state_names(model: Model, j: int) -> list[str]:
     names = [f"motor_position_{j}", f"joint_position_{j}", f"motor_velocity_{j}", f"joint_velocity_{j}"]
     if j in model.rigid:
         names = names[1::2]
-    return names + [f"{s.name}_{j}" for _, s, k in model.memory if k == j]
+    return names + [f"{s.name}_{j}" for _, s, k in model.effect_states if k == j]
 
 
-def _outputs(model: Model, j: int, d: Drives) -> tuple[list[Any], list[Any]]:
+def _lane_outputs(model: Model, j: int, d: DriveOutputs) -> tuple[list[Any], list[Any]]:
     """The results of a lane in the smooth and in the exact form, with sine and cosine of a revolute joint."""
-    results = [d.net]
+    results = [d.net_torque]
     if d.acceleration is not None:
         results.append(d.acceleration)
     results.append(d.joint_torque)
     if model.robot.joints[j - 1].kind == "revolute":
-        q = model.slot(f"joint_position_{j}")
+        q = model.state_symbol(f"joint_position_{j}")
         results += [ca.sin(q), ca.cos(q)]
-    return [*results, *d.rates], [d.level]
+    return [*results, *d.rates], [d.dry_friction]
 
 
-def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
+def _make_lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
     width = next(w for w in (2, 4, 8) if w >= len(joints))
     first, index = joints[0], {s.name: k for k, s in enumerate(model.x_slots)}
     s = SX.sym("s")
-    smooth, _ = _outputs(model, first, model.drive(first, model.of_joint(first)))
-    drive_exact = model.drive(first, model.of_joint(first), exact=s)
-    exact = [*_outputs(model, first, drive_exact)[1], *_outputs(model, first, drive_exact)[0]]
-    own = {j: model.symbols_of(j) for j in joints}
+    smooth, _ = _lane_outputs(model, first, model.drive_outputs(first, model.joint_parameters(first)))
+    drive_exact = model.drive_outputs(first, model.joint_parameters(first), exact=s)
+    exact = [*_lane_outputs(model, first, drive_exact)[1], *_lane_outputs(model, first, drive_exact)[0]]
+    own = {j: model.joint_symbols(j) for j in joints}
     keys = sorted(set.intersection(*map(set, own.values())))
     p = ca.vertcat(*(own[first][key] for key in keys))
     given = {p[k].element_hash() for k in range(p.numel())}
-    changed, symbols, definitions = hoist([SX(e) for e in smooth + exact], p)
+    changed, symbols, definitions = hoist_constants([SX(e) for e in smooth + exact], p)
     direct = [v for v in ca.symvar(ca.vertcat(*changed)) if v.element_hash() in given]
     constant = ca.vertcat(*direct, *symbols)
-    entries = [model.slot(name) for name in _state_names(model, first)]
+    entries = [model.state_symbol(name) for name in _state_names(model, first)]
     inputs = [*entries, model.u[first - 1]]
     names = [*(f"state_{k}" for k in range(len(entries))), "input"]
     k = SX.sym(f"k{first}", constant.numel(), width)
@@ -259,8 +267,8 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
         joints,
         width,
         tuple(zip(*places, strict=True)),
-        _of_lane("smooth", [*names, "constants"], [*inputs, constant], changed[: len(smooth)]),
-        _of_lane("exact", [*names, "direction", "constants"], [*inputs, s, constant], changed[len(smooth) :]),
+        _lane_function("smooth", [*names, "constants"], [*inputs, constant], changed[: len(smooth)]),
+        _lane_function("exact", [*names, "direction", "constants"], [*inputs, s, constant], changed[len(smooth) :]),
         k,
         ca.horzcat(*columns),
     )
@@ -270,11 +278,11 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
     return lane
 
 
-def _of_lane(name: str, names: list[str], inputs: list[Any], outputs: list[Any]) -> ca.Function:
+def _lane_function(name: str, names: list[str], inputs: list[Any], outputs: list[Any]) -> ca.Function:
     return ca.Function(name, inputs, outputs, names, [f"h{k}" for k in range(len(outputs))], {"cse": True})
 
 
-def _lane_symbols(model: Model, lane: Lane, j: int) -> tuple[Drives, list[Any], tuple[Any, Any] | None]:
+def _lane_symbols(model: Model, lane: Lane, j: int) -> tuple[DriveOutputs, list[Any], tuple[Any, Any] | None]:
     """Symbols for the results of a lane for joint j, in the order of the exact outputs; sine and cosine apart too."""
     names = ["level", "net"]
     if j in model.flexible:
@@ -285,14 +293,14 @@ def _lane_symbols(model: Model, lane: Lane, j: int) -> tuple[Drives, list[Any], 
         names += ["sine", "cosine"]
     named = {name: SX.sym(f"{name}_{j}") for name in names}
     rates = [SX.sym(f"rate_{j}_{k}") for k in range(lane.exact.n_out() - len(names))]
-    d = Drives(named["net"], named["level"], named.get("acceleration"), named["joint_torque"], rates=tuple(rates))
+    d = DriveOutputs(named["net"], named["level"], named.get("acceleration"), named["joint_torque"], rates=tuple(rates))
     symbols = [*named.values(), *rates]
     if turns:
         return d, symbols, (named["sine"], named["cosine"])
     return d, symbols, None
 
 
-def _trig(model: Model, D: dict[int, Any]) -> tuple[list[Any], list[Any]]:
+def _joint_trig(model: Model, D: dict[int, Any]) -> tuple[list[Any], list[Any]]:
     pairs = [D[j][2] or (0, 1) for j in model.joints]
     return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
 
@@ -302,7 +310,7 @@ def _hand_over(model: Model, lanes: tuple[Lane, ...], sliding: Any) -> Any:
     out = []
     for lane in lanes:
         for place, j in enumerate(lane.joints):
-            states = [model.x[index[place]] for index in lane.states]
+            states = [model.x[index[place]] for index in lane.state_entries]
             if sliding is None:
                 out += [SX(0), *lane.smooth.call([*states, model.u[j - 1], lane.constants[:, place]])]
             else:
@@ -317,19 +325,20 @@ def _rate_jacobians(model: Model) -> list[Any]:
     """∂ẋ/∂x, ∂ẋ/∂u, ∂ẋ/∂p. The springs' inverse is differentiated by the implicit function theorem, so the derivative
     is that of the law itself, at τ = 0 too, and carries nothing of the iteration."""
     spring = {j: SX.sym(f"spring_{j}") for j in model.flexible}
-    drives = {j: model.drive(j, model.of_joint(j), spring_torque=spring.get(j)) for j in model.joints}
-    rate, _ = model.motion(drives)
-    law = {j: harmonic_drive.springs(model.of_joint(j)) for j in model.flexible}
+    drives = {j: model.drive_outputs(j, model.joint_parameters(j), spring_torque=spring.get(j)) for j in model.joints}
+    rate, _ = model.equations_of_motion(drives)
+    law = {j: harmonic_drive.spring_constants(model.joint_parameters(j)) for j in model.flexible}
     solved = [
-        harmonic_drive.spring_torque(drives[j].wound, law[j], model.inverse[j], model.plan) for j in model.flexible
+        harmonic_drive.spring_torque(drives[j].effective_torsion, law[j], model.inverse_symbols[j], model.plan)
+        for j in model.flexible
     ]
     out = []
     for w in (model.x, model.u, model.p):
         total = ca.jacobian(rate, w)
         for j in model.flexible:
             slack = ca.jacobian(
-                drives[j].wound - harmonic_drive.torsion(spring[j], law[j]), w
-            ) / harmonic_drive.compliance(spring[j], law[j])
+                drives[j].effective_torsion - harmonic_drive.spring_torsion(spring[j], law[j]), w
+            ) / harmonic_drive.spring_compliance(spring[j], law[j])
             total = total + ca.jacobian(rate, spring[j]) @ slack
         if spring:
             total = ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*solved))
@@ -338,11 +347,11 @@ def _rate_jacobians(model: Model) -> list[Any]:
 
 
 def _stiffness_rate(model: Model) -> Any:
-    drives = {j: model.drive(j, model.of_joint(j)) for j in model.joints}
+    drives = {j: model.drive_outputs(j, model.joint_parameters(j)) for j in model.joints}
     fastest = SX(0)
     for j in model.joints:
-        own = [s for _, s, k in model.memory if k == j]
+        own = [s for _, s, k in model.effect_states if k == j]
         for s, rate in zip(own, drives[j].rates, strict=True):
-            if s.stiff:
-                fastest = ca.fmax(fastest, ca.fabs(ca.jacobian(rate, model.slot(f"{s.name}_{j}"))))
+            if s.is_stiff:
+                fastest = ca.fmax(fastest, ca.fabs(ca.jacobian(rate, model.state_symbol(f"{s.name}_{j}"))))
     return fastest

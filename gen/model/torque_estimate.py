@@ -25,7 +25,7 @@ from gen.model.arm_model import Model
 SX = ca.SX
 
 
-def torsion(model: Model, j: int, theta: Any, q: Any) -> Any:
+def measured_torsion(model: Model, j: int, theta: Any, q: Any) -> Any:
     """Write the torsion of a joint less the kinematic error, (12) and (14).
 
     Args:
@@ -38,12 +38,14 @@ def torsion(model: Model, j: int, theta: Any, q: Any) -> Any:
         The torsion, rad at the joint.
 
     """
-    p = model.of_joint(j)
-    error = sum(e.equation(Signals(motor_position=theta, ratio=p["ratio"]), p) for e in model.at(Port.TORSION, j))
+    p = model.joint_parameters(j)
+    error = sum(
+        e.equation(Signals(motor_position=theta, ratio=p["ratio"]), p) for e in model.effects_at(Port.TORSION, j)
+    )
     return theta * (1 / p["ratio"]) + error - q
 
 
-def from_torsion(model: Model, j: int, phi: Any) -> Any:
+def torque_from_torsion(model: Model, j: int, phi: Any) -> Any:
     """Write the springs' torque of a joint.
 
     Args:
@@ -55,11 +57,13 @@ def from_torsion(model: Model, j: int, phi: Any) -> Any:
         The torque, N m at the joint.
 
     """
-    p = model.of_joint(j)
-    return p["stiffness_level"] * harmonic_drive.spring_torque(phi, harmonic_drive.springs(p), p["inverse"], model.plan)
+    p = model.joint_parameters(j)
+    return p["stiffness_level"] * harmonic_drive.spring_torque(
+        phi, harmonic_drive.spring_constants(p), p["inverse"], model.plan
+    )
 
 
-def estimates(model: Model, theta: Any, q: Any, omega: Any, alpha: Any, motor_torque: Any) -> dict[str, Any]:
+def estimate_torques(model: Model, theta: Any, q: Any, omega: Any, alpha: Any, motor_torque: Any) -> dict[str, Any]:
     """Write the three estimates of the joint torque.
 
     Args:
@@ -80,9 +84,9 @@ def estimates(model: Model, theta: Any, q: Any, omega: Any, alpha: Any, motor_to
             for values in out.values():
                 values.append(SX(float("nan")))
             continue
-        p = model.of_joint(j)
-        phi = torsion(model, j, theta[j - 1], q[j - 1])
-        series = from_torsion(model, j, phi)
+        p = model.joint_parameters(j)
+        phi = measured_torsion(model, j, theta[j - 1], q[j - 1])
+        series = torque_from_torsion(model, j, phi)
         friction = p["coulomb_friction"]
         torque = motor_torque[j - 1]
         sliding = torque - ca.sign(torque) * friction
@@ -95,16 +99,16 @@ def estimates(model: Model, theta: Any, q: Any, omega: Any, alpha: Any, motor_to
         )
         out["series"].append(series)
         for name, wave_generator in (("quasi_static", held), ("dynamic", moving)):
-            out[name].append(p["stiffness_level"] * _flexspline(p, phi, wave_generator / p["stiffness_level"]))
+            out[name].append(p["stiffness_level"] * _flexspline_torque(p, phi, wave_generator / p["stiffness_level"]))
     return {name: ca.vertcat(*values) for name, values in out.items()}
 
 
-def _flexspline(p: dict[str, Any], phi: Any, wave_generator: Any) -> Any:
+def _flexspline_torque(p: dict[str, Any], phi: Any, wave_generator: Any) -> Any:
     """(15), (16): torque of the flexspline from the torsion less the wave generator's own, (6) corrected; from
     `law_torque` on along the tangent, as the springs themselves."""
     c_w, stiffness = p["wave_generator_stiffening"], p["wave_generator_stiffness"]
     wound = ca.sign(wave_generator) * (1 - ca.exp(-c_w * ca.fabs(wave_generator))) / (c_w * stiffness)
-    law = harmonic_drive.springs(p)
+    law = harmonic_drive.spring_constants(p)
     angle = (phi - wound / p["ratio"]) * law.scale
     inside = ca.fmin(ca.fabs(angle), law.law_psi)
     t, last = ca.tan(inside), law.c_f * law.law_torque

@@ -5,9 +5,9 @@ motors, F force on the tip, z memory of the effects (held over the horizon), w w
 x.
 
 The state is that of the arm without the effects' memories, which the estimator follows. Positions of motors are taken
-at the joint (over the ratio), velocities in units of `SPEED` per second, torques in units of the motor's largest, so
-that all entries are of one size. Friction is smooth over a width that a node carries (`smoothing`); the spring is the
-model's own.
+at the joint (over the ratio), velocities in units of `VELOCITY_UNIT` per second, torques in units of the motor's
+largest, so that all entries are of one size. Friction is smooth over a width that a node carries (`smoothing`); the
+spring is the model's own.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import casadi as ca
 
 from gen.model import harmonic_drive
 from gen.model.arm_model import Model
-from gen.model.emitted_function import dense
-from gen.model.right_hand_side import hoist
+from gen.model.emitted_function import make_dense_function
+from gen.model.right_hand_side import hoist_constants
 from gen.mpc.problem_structure import Structure
 
 SX = ca.SX
-SPEED = 100.0  # 1/s: a velocity of 1 in the solver's units is this, in positions a second
-ROUND = 1e-3  # m/s: below it the length of the tip's velocity is rounded, so that it has a derivative
+VELOCITY_UNIT = 100.0  # 1/s: a velocity of 1 in the solver's units is this, in positions a second
+SPEED_ROUNDING = 1e-3  # m/s: below it the length of the tip's velocity is rounded, so that it has a derivative
 
 
 @dataclass(frozen=True)
@@ -39,31 +39,31 @@ class Stage:
     model: Model
     structure: Structure
     rate: ca.Function
-    look: ca.Function
+    output_graph: ca.Function
     constants: ca.Function
-    index: tuple[int, ...]  # entries of the model's x that the horizon's state is made of
-    scale: tuple[float, ...]  # SI of 1 in each of them
-    memory: tuple[int, ...]  # entries of the model's x that are held
-    torque: tuple[float, ...]  # N m of 1 in each input
-    places: dict[str, int]  # where the parts of shared begin, and its length "end"
+    horizon_entries: tuple[int, ...]  # entries of the model's x that the horizon's state is made of
+    state_units: tuple[float, ...]  # SI of 1 in each of them
+    held_entries: tuple[int, ...]  # entries of the model's x that are held
+    torque_units: tuple[float, ...]  # N m of 1 in each input
+    shared_offsets: dict[str, int]  # where the parts of shared begin, and its length "end"
 
     @property
     def nx(self) -> int:
         """Entries of the horizon's state."""
-        return len(self.index)
+        return len(self.horizon_entries)
 
     @property
     def ny(self) -> int:
         """Outputs that cost: position and velocity in the target's space, then joint velocities."""
-        return int(self.look.numel_out(0))
+        return int(self.output_graph.numel_out(0))
 
     @property
     def ng(self) -> int:
         """General rows: joint torques, tip speed, walls."""
-        return int(self.look.numel_out(2))
+        return int(self.output_graph.numel_out(2))
 
 
-def stage(model: Model, structure: Structure, fixed: Any) -> Stage:
+def make_stage(model: Model, structure: Structure, fixed: Any) -> Stage:
     """Write the stage of a model.
 
     Args:
@@ -76,11 +76,13 @@ def stage(model: Model, structure: Structure, fixed: Any) -> Stage:
 
     """
     names = [slot.name for slot in model.x_slots]
-    memory = tuple(names.index(f"{s.name}_{j}") for _, s, j in model.memory)
+    memory = tuple(names.index(f"{s.name}_{j}") for _, s, j in model.effect_states)
     index = tuple(k for k in range(len(names)) if k not in memory)
-    ratios = {f"motor_{what}_{j}": abs(_ratio(model, j)) for j in model.joints for what in ("position", "velocity")}
-    scale = tuple(ratios.get(names[k], 1.0) * (SPEED if "velocity" in names[k] else 1.0) for k in index)
-    torque = tuple(model.u_slots[j - 1].bound * (_constant(model, j) or 1.0) for j in model.joints)
+    ratios = {
+        f"motor_{what}_{j}": abs(_gear_ratio(model, j)) for j in model.joints for what in ("position", "velocity")
+    }
+    scale = tuple(ratios.get(names[k], 1.0) * (VELOCITY_UNIT if "velocity" in names[k] else 1.0) for k in index)
+    torque = tuple(model.u_slots[j - 1].bound * (_nominal_torque_constant(model, j) or 1.0) for j in model.joints)
     n, x, T, F = model.n, SX.sym("x", len(index)), SX.sym("T", model.n), SX.sym("F", 2)
     d, smoothing = SX.sym("d", n), SX.sym("smoothing", n)
     held, walls = SX.sym("held", max(1, len(memory))), SX.sym("walls", max(1, 3 * structure.walls))
@@ -89,10 +91,10 @@ def stage(model: Model, structure: Structure, fixed: Any) -> Stage:
         full[k] = x[place] * scale[place]
     for place, k in enumerate(memory):
         full[k] = held[place]
-    f, by_x, by_T = _rates(model, index, scale, torque, (x, T, F, d, smoothing, full))
-    y, g = _outputs(model, structure, walls, full, scale)
+    f, by_x, by_T = _velocity_rates(model, index, scale, torque, (x, T, F, d, smoothing, full))
+    y, g = _stage_outputs(model, structure, walls, full, scale)
     parts = [f, by_x, by_T, y, ca.jacobian(y, x), g, ca.jacobian(g, x)]
-    parts, symbols, definitions = hoist([ca.densify(SX(part)) for part in parts], fixed)
+    parts, symbols, definitions = hoist_constants([ca.densify(SX(part)) for part in parts], fixed)
     direct = [v for v in ca.symvar(ca.vertcat(*map(ca.vec, parts))) if ca.depends_on(fixed, v)]
     constants = ca.vertcat(*direct, *symbols)
     shared = ca.vertcat(constants, d, smoothing, held, walls)
@@ -101,31 +103,35 @@ def stage(model: Model, structure: Structure, fixed: Any) -> Stage:
     places, at = {}, 0
     for name, size in sizes.items():
         places[name], at = at, at + size
-    rate = dense("rate", {"x": x, "T": T, "F": F, "shared": shared}, dict(zip("fJB", parts[:3], strict=True)))
-    look = dense("look", {"x": x, "shared": shared}, dict(zip("yYgG", parts[3:], strict=True)))
-    made = dense("mpc_constants", {"c": fixed}, {"k": ca.vertcat(*direct, *definitions)})
+    rate = make_dense_function(
+        "rate", {"x": x, "T": T, "F": F, "shared": shared}, dict(zip("fJB", parts[:3], strict=True))
+    )
+    look = make_dense_function("look", {"x": x, "shared": shared}, dict(zip("yYgG", parts[3:], strict=True)))
+    made = make_dense_function("mpc_constants", {"c": fixed}, {"k": ca.vertcat(*direct, *definitions)})
     return Stage(model, structure, rate, look, made, index, scale, memory, torque, places | {"end": at})
 
 
-def _ratio(model: Model, j: int) -> float:
+def _gear_ratio(model: Model, j: int) -> float:
     return float(model.robot.joints[j - 1].drive.ratio.nominal)
 
 
-def _constant(model: Model, j: int) -> float | None:
+def _nominal_torque_constant(model: Model, j: int) -> float | None:
     value = model.robot.joints[j - 1].drive.torque_constant
     if value is None:
         return None
     return float(value.nominal)
 
 
-def _rates(model: Model, index: Any, scale: Any, torque: Any, symbols: tuple[Any, ...]) -> tuple[Any, Any, Any]:
+def _velocity_rates(
+    model: Model, index: Any, scale: Any, torque: Any, symbols: tuple[Any, ...]
+) -> tuple[Any, Any, Any]:
     """Rate of the velocities in the solver's units, and its Jacobians by x and T. The springs' inverse is
     differentiated by the implicit function theorem, as in `gen.model.right_hand_side`."""
     x, T, F, d, smoothing, full = symbols
     spring = {j: SX.sym(f"spring_{j}") for j in model.flexible}
-    drives = {j: model.drive(j, model.of_joint(j), spring_torque=spring.get(j)) for j in model.joints}
-    rate, _ = model.motion(drives)
-    law = {j: harmonic_drive.springs(model.of_joint(j)) for j in model.flexible}
+    drives = {j: model.drive_outputs(j, model.joint_parameters(j), spring_torque=spring.get(j)) for j in model.joints}
+    rate, _ = model.equations_of_motion(drives)
+    law = {j: harmonic_drive.spring_constants(model.joint_parameters(j)) for j in model.flexible}
     inputs = []
     for j in model.joints:
         constant = model.by_name.get(f"torque_constant_{j}", 1.0)
@@ -139,20 +145,24 @@ def _rates(model: Model, index: Any, scale: Any, torque: Any, symbols: tuple[Any
     half = len(index) // 2
     rows = [rate[index[k]] / scale[k] for k in range(half, len(index))]
     f = over(ca.vertcat(*rows))
-    wound = {j: over(drives[j].wound) for j in model.flexible}
+    wound = {j: over(drives[j].effective_torsion) for j in model.flexible}
     by = [ca.jacobian(f, w) for w in (x, T)]
     solved = []
     for j in model.flexible:
-        slope = over(harmonic_drive.compliance(spring[j], law[j]))
+        slope = over(harmonic_drive.spring_compliance(spring[j], law[j]))
         for k, w in enumerate((x, T)):
             by[k] = by[k] + ca.jacobian(f, spring[j]) @ (ca.jacobian(wound[j], w) / slope)
-        solved.append(harmonic_drive.spring_torque(wound[j], over_springs(law[j], over), model.inverse[j], model.plan))
+        solved.append(
+            harmonic_drive.spring_torque(
+                wound[j], substitute_springs(law[j], over), model.inverse_symbols[j], model.plan
+            )
+        )
     if spring:
         f, *by = ca.substitute([f, *by], list(spring.values()), solved)
     return f, by[0], by[1]
 
 
-def over_springs(law: harmonic_drive.Springs, over: Any) -> harmonic_drive.Springs:
+def substitute_springs(law: harmonic_drive.SpringConstants, over: Any) -> harmonic_drive.SpringConstants:
     """Replace symbols in the constants of a drive's law.
 
     Args:
@@ -163,22 +173,22 @@ def over_springs(law: harmonic_drive.Springs, over: Any) -> harmonic_drive.Sprin
         The constants with symbols replaced.
 
     """
-    return harmonic_drive.Springs(**{name: over(value) for name, value in vars(law).items()})
+    return harmonic_drive.SpringConstants(**{name: over(value) for name, value in vars(law).items()})
 
 
-def _outputs(model: Model, structure: Structure, walls: Any, full: Any, scale: Any) -> tuple[Any, Any]:
+def _stage_outputs(model: Model, structure: Structure, walls: Any, full: Any, scale: Any) -> tuple[Any, Any]:
     """The outputs that cost, and the limited ones: joint torques, N m; tip speed, m/s; depth in each wall, m."""
     chain, q, v = model.chain_parameters(), model.q, model.v
-    tip, J = model.chain.tip(q, chain), model.chain.jacobian(q, chain)
+    tip, J = model.chain.tip_position(q, chain), model.chain.tip_jacobian(q, chain)
     moving = J @ v
     y = ca.vertcat(q, v, v)
     if structure.space == "tip":
         y = ca.vertcat(tip, moving, v)
     torques = []
     for j in model.flexible:
-        drives = model.drive(j, model.of_joint(j))
-        torques.append(drives.transmitted)
-    speed = ca.sqrt(moving[0] ** 2 + moving[1] ** 2 + ROUND**2)
+        drives = model.drive_outputs(j, model.joint_parameters(j))
+        torques.append(drives.transmitted_torque)
+    speed = ca.sqrt(moving[0] ** 2 + moving[1] ** 2 + SPEED_ROUNDING**2)
     depths = [walls[3 * k] * tip[0] + walls[3 * k + 1] * tip[1] - walls[3 * k + 2] for k in range(structure.walls)]
     g = ca.vertcat(*torques, speed, *depths)
     return tuple(ca.substitute([SX(y), SX(g)], [model.x], [full]))  # type: ignore[return-value]

@@ -14,14 +14,14 @@ import casadi as ca
 import numpy as np
 
 from gen.model.function_library import Library
-from gen.mpc.horizon_stage import SPEED, Stage, stage
+from gen.mpc.horizon_stage import VELOCITY_UNIT, Stage, make_stage
 from gen.mpc.problem_structure import Structure
 
 MX, SX = ca.MX, ca.SX
-PARTS = 4  # steps of RK4 a node: 2.5 ms each at the default, a hundredth of a joint's period
+STEPS_PER_NODE = 4  # steps of RK4 a node: 2.5 ms each at the default, a hundredth of a joint's period
 
 
-def truth(library: Library, structure: Structure, problem: Mapping[str, Any]) -> dict[str, Any]:
+def solve_problem(library: Library, structure: Structure, problem: Mapping[str, Any]) -> dict[str, Any]:
     """Solve a controller's problem to convergence.
 
     Args:
@@ -37,12 +37,12 @@ def truth(library: Library, structure: Structure, problem: Mapping[str, Any]) ->
 
     """
     model = library.graphs.model
-    made = stage(model, structure, ca.vertcat(model.p, *model.inverse.values()))
+    made = make_stage(model, structure, ca.vertcat(model.p, *model.inverse_symbols.values()))
     data = {name: np.asarray(value, float) for name, value in problem.items()}
     n, nodes = model.n, structure.nodes
     T, x = MX.sym("T", n, nodes), MX.sym("x", made.nx, nodes)
     slack = MX.sym("slack", data["low"].shape[0] - 2 * n, nodes)
-    cost, rows, bounds = _problem(made, data, T, x, slack)
+    cost, rows, bounds = _pose_problem(made, data, T, x, slack)
     z = ca.vertcat(ca.vec(T), ca.vec(x), ca.vec(slack))
     silent: Any = {
         "print_time": False,
@@ -51,7 +51,7 @@ def truth(library: Library, structure: Structure, problem: Mapping[str, Any]) ->
     nlp: Any = {"x": z, "f": cost, "g": rows}
     solver: Any = ca.nlpsol("truth", "ipopt", nlp, silent)
     plan = data["T"].reshape(nodes, n)
-    states = _rolled(made, data, plan)
+    states = _roll_out(made, data, plan)
     begun = np.concatenate([plan.ravel(), states.ravel(), np.zeros(slack.numel())])
     least = np.concatenate([np.full(n * nodes + states.size, -np.inf), np.zeros(slack.numel())])
     found = solver(x0=begun, lbg=bounds[0], ubg=bounds[1], lbx=least, ubx=np.inf)
@@ -59,45 +59,45 @@ def truth(library: Library, structure: Structure, problem: Mapping[str, Any]) ->
     price = ca.Function("price", [z], [cost, rows])
     return {
         "T": torques.tolist(),
-        "cost": _priced(price, made, data, torques, np.asarray(bounds)),
-        "cost_of_plan": _priced(price, made, data, plan, np.asarray(bounds)),
+        "cost": _price_plan(price, made, data, torques, np.asarray(bounds)),
+        "cost_of_plan": _price_plan(price, made, data, plan, np.asarray(bounds)),
         "status": str(solver.stats()["return_status"]),
         "iterations": int(solver.stats()["iter_count"]),
     }
 
 
-def _rolled(made: Stage, data: Mapping[str, Any], plan: Any) -> Any:
+def _roll_out(made: Stage, data: Mapping[str, Any], plan: Any) -> Any:
     """States of a plan (nodes × nx)."""
-    step, at, out = _node(made), data["x"], []
+    step, at, out = _make_integrator(made), data["x"], []
     for k in range(made.structure.nodes):
         at = np.array(step(at, plan[k], data["force"] * data["fading"][k], data["shared"], data["grid"][k])).ravel()
         out.append(at)
     return np.array(out)
 
 
-def _priced(price: Any, made: Stage, data: Mapping[str, Any], plan: Any, bounds: Any) -> float:
+def _price_plan(price: Any, made: Stage, data: Mapping[str, Any], plan: Any, bounds: Any) -> float:
     """Cost of a plan rolled out, with the slacks that it needs."""
     n, nx, nodes = made.model.n, made.nx, made.structure.nodes
     soft = data["low"].shape[0] - 2 * n
-    known = np.concatenate([plan.ravel(), _rolled(made, data, plan).ravel()])
+    known = np.concatenate([plan.ravel(), _roll_out(made, data, plan).ravel()])
     rows = np.array(price(np.concatenate([known, np.zeros(soft * nodes)]))[1]).reshape(nodes, -1)[:, nx + 2 * n :]
     low, high = (bound.reshape(nodes, -1)[:, nx + 2 * n :] for bound in bounds)
     needed = np.maximum(0.0, np.maximum(rows[:, :soft] - high[:, :soft], low[:, soft:] - rows[:, soft:]))
     return float(price(np.concatenate([known, needed.ravel()]))[0])
 
 
-def _problem(made: Stage, data: Mapping[str, Any], T: Any, x: Any, slack: Any) -> tuple[Any, Any, tuple[Any, Any]]:
+def _pose_problem(made: Stage, data: Mapping[str, Any], T: Any, x: Any, slack: Any) -> tuple[Any, Any, tuple[Any, Any]]:
     """Cost, rows and their bounds; soft rows stand twice, less and plus their slack."""
     n, nodes, simple = made.model.n, made.structure.nodes, [int(k) for k in data["simple"]]
     shared, before, at = MX(data["shared"]), MX(data["before"]), MX(data["x"])
     cost, rows, low, high = MX(0), list[Any](), list[Any](), list[Any]()
     spans = [data["period"][0], *data["grid"]]  # s, since the torque before
-    step = _node(made)
+    step = _make_integrator(made)
     for k in range(nodes):
         force = MX(data["force"] * data["fading"][k])
         gap = x[:, k] - step(at, T[:, k], force, shared, float(data["grid"][k]))
         at = x[:, k]
-        y, _, g, _ = made.look(at, shared)
+        y, _, g, _ = made.output_graph(at, shared)
         last = int(k == nodes - 1)
         cost += 0.5 * ca.dot(data["weights"][last], (y - data["goal"][k]) ** 2)
         cost += 0.5 * ca.dot(data["torque_weight"], (T[:, k] - data["hold"]) ** 2)
@@ -108,26 +108,26 @@ def _problem(made: Stage, data: Mapping[str, Any], T: Any, x: Any, slack: Any) -
         share = np.concatenate([np.ones(n), np.full(n, span)])
         rows += [gap, T[:, k], T[:, k] - before, soft - s, soft + s]
         free, still = np.full(soft.numel(), np.inf), np.zeros(made.nx)
-        low += [still, share * data["low"][: 2 * n], -free, _finite(data["low"][2 * n :])]
-        high += [still, share * data["high"][: 2 * n], _finite(data["high"][2 * n :]), free]
+        low += [still, share * data["low"][: 2 * n], -free, _restore_infinities(data["low"][2 * n :])]
+        high += [still, share * data["high"][: 2 * n], _restore_infinities(data["high"][2 * n :]), free]
         before = T[:, k]
     return cost, ca.vertcat(*rows), (np.concatenate(low), np.concatenate(high))
 
 
-def _finite(bound: Any) -> Any:
+def _restore_infinities(bound: Any) -> Any:
     return np.where(np.abs(bound) > 1e19, np.sign(bound) * np.inf, bound)
 
 
-def _node(made: Stage) -> ca.Function:
+def _make_integrator(made: Stage) -> ca.Function:
     """A node by small steps of RK4, in the controller's units."""
     x, T, F = SX.sym("x", made.nx), SX.sym("T", made.model.n), SX.sym("F", 2)
-    shared, duration = SX.sym("shared", made.places["end"]), SX.sym("h")
-    half, h, at = made.nx // 2, duration / PARTS, x
+    shared, duration = SX.sym("shared", made.shared_offsets["end"]), SX.sym("h")
+    half, h, at = made.nx // 2, duration / STEPS_PER_NODE, x
 
     def rate(at: Any) -> Any:
-        return ca.vertcat(SPEED * at[half:], made.rate(at, T, F, shared)[0])
+        return ca.vertcat(VELOCITY_UNIT * at[half:], made.rate(at, T, F, shared)[0])
 
-    for _ in range(PARTS):
+    for _ in range(STEPS_PER_NODE):
         k1 = rate(at)
         k2 = rate(at + 0.5 * h * k1)
         k3 = rate(at + 0.5 * h * k2)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 
-SPACES = ("tip", "joint")
+TARGET_SPACES = ("tip", "joint")
 MOST_NODES, MOST_WALLS = 400, 8
-MEMORY = 32 << 20  # bytes that a controller and OSQP's workspace may take, static
+LARGEST_MEMORY = 32 << 20  # bytes that a controller and OSQP's workspace may take, static
 
 
 class StructureError(ValueError):
@@ -24,11 +24,11 @@ class Structure:
 
     @property
     def text(self) -> str:
-        """As `parse` reads it."""
+        """As `parse_structure` reads it."""
         return f"nodes={self.nodes},walls={self.walls},space={self.space}"
 
 
-def parse(text: str) -> Structure | None:
+def parse_structure(text: str) -> Structure | None:
     """Read a structure.
 
     Args:
@@ -50,19 +50,23 @@ def parse(text: str) -> Structure | None:
             raise StructureError(f"--mpc: found {json.dumps(part[:40])}, possible is nodes=20,walls=2,space=tip.")
         found[key] = value
     space = found.get("space", "tip")
-    if space not in SPACES:
-        raise StructureError(f"--mpc: space is {json.dumps(space[:40])}, possible is {' or '.join(SPACES)}.")
-    return Structure(_whole(found, "nodes", 20, 2, MOST_NODES), _whole(found, "walls", 2, 0, MOST_WALLS), space)
+    if space not in TARGET_SPACES:
+        raise StructureError(f"--mpc: space is {json.dumps(space[:40])}, possible is {' or '.join(TARGET_SPACES)}.")
+    return Structure(
+        _read_whole_number(found, "nodes", 20, 2, MOST_NODES),
+        _read_whole_number(found, "walls", 2, 0, MOST_WALLS),
+        space,
+    )
 
 
-def _whole(found: dict[str, str], key: str, default: int, low: int, high: int) -> int:
+def _read_whole_number(found: dict[str, str], key: str, default: int, low: int, high: int) -> int:
     text = found.get(key, str(default))
     if not text.isascii() or not text.isdigit() or len(text) > 6 or not low <= int(text) <= high:
         raise StructureError(f"--mpc: {key} is {json.dumps(text[:40])}, possible is a whole number {low} to {high}.")
     return int(text)
 
 
-def memory(structure: Structure, n: int, nx: int) -> int:
+def memory_needed(structure: Structure, n: int, nx: int) -> int:
     """Estimate the memory of a controller and of OSQP's workspace.
 
     Args:
@@ -81,7 +85,7 @@ def memory(structure: Structure, n: int, nx: int) -> int:
     return structure.nodes * (170 * nx * nx + 45 * nx * rows + 1600 * rows)
 
 
-def fitting(structure: Structure, n: int, nx: int) -> None:
+def check_memory(structure: Structure, n: int, nx: int) -> None:
     """Refuse a horizon that memory does not allow.
 
     Args:
@@ -93,10 +97,10 @@ def fitting(structure: Structure, n: int, nx: int) -> None:
         StructureError: The controller takes more than MEMORY.
 
     """
-    needed = memory(structure, n, nx)
-    if needed > MEMORY:
-        most = structure.nodes * MEMORY // needed
+    needed = memory_needed(structure, n, nx)
+    if needed > LARGEST_MEMORY:
+        most = structure.nodes * LARGEST_MEMORY // needed
         raise StructureError(
             f"mpc.nodes: {structure.nodes} nodes of {nx} states take {needed / 2**20:.0f} MiB, possible are "
-            f"{MEMORY >> 20} MiB; take at most {most} nodes."
+            f"{LARGEST_MEMORY >> 20} MiB; take at most {most} nodes."
         )

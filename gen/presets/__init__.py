@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 
-def presets() -> dict[str, Path]:
+def find_presets() -> dict[str, Path]:
     """Find the presets.
 
     Returns:

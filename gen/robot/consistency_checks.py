@@ -9,14 +9,14 @@ from typing import Any
 
 from gen.effects.effect import Effect, Port
 from gen.robot.description import StatedEffect, Value
-from gen.robot.gear_catalogue import CATALOGUE, SHEET, steepest
-from gen.robot.schema import MAX_JOINTS, SUBTABLES, Key, Kind, Need, Range, keys
-from gen.robot.table_reader import Reading, path
-from gen.robot.value_reader import shown
+from gen.robot.gear_catalogue import CATALOGUE, DATA_SHEET_KEYS, largest_stiffness_ratio
+from gen.robot.schema import MAX_JOINTS, SUBTABLES, Key, KeyNeed, Range, ValueKind, keys_of
+from gen.robot.table_reader import RobotFileReader, key_path
+from gen.robot.value_reader import show_value
 
 Values = dict[str, Any]
-LEAST_ROTOR = 1e-12  # kg m², of a body of its own
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9 _.,()+-]{0,79}")
+LEAST_ROTOR_INERTIA = 1e-12  # kg m², of a body of its own
+NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9 _.,()+-]{0,79}")
 C_WORDS = frozenset(
     [
         "asm",
@@ -60,7 +60,7 @@ C_WORDS = frozenset(
 )
 
 
-def slug(name: str) -> str:
+def make_slug(name: str) -> str:
     """Write a robot's name so that a path and a symbol can hold it.
 
     Args:
@@ -73,7 +73,7 @@ def slug(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.lower())[:48].rstrip("_")
 
 
-def top(table: Mapping[str, Any], reading: Reading) -> Values:
+def check_top(table: Mapping[str, Any], reading: RobotFileReader) -> Values:
     """Check the keys above the first [[joint]]; from here on plain numbers have the file's tolerance.
 
     Args:
@@ -87,19 +87,21 @@ def top(table: Mapping[str, Any], reading: Reading) -> Values:
     values: Values = {}
     if "tolerance" in table:
         # a problem with it is reported by `table` below
-        Reading("").value(keys("")["tolerance"], table["tolerance"], "", values)
+        RobotFileReader("").read_value(keys_of("")["tolerance"], table["tolerance"], "", values)
         reading.tolerance = values.get("tolerance", reading.tolerance)
-    values = reading.table(table, "", "")
+    values = reading.read_table(table, "", "")
     name = values.get("name")
-    if name is not None and not NAME.fullmatch(name):
+    if name is not None and not NAME_PATTERN.fullmatch(name):
         possible = "a letter, then letters, digits, spaces and _.,()+- up to 80 characters"
-        reading.add("name", f"found {shown(name)}, possible is {possible}; choose such a label")
-    elif name is not None and (slug(name) in C_WORDS or iskeyword(slug(name))):
-        reading.add("name", f"found {shown(name)}, possible is anything but a word of C or Python; add a word to it")
+        reading.add_problem("name", f"found {show_value(name)}, possible is {possible}; choose such a label")
+    elif name is not None and (make_slug(name) in C_WORDS or iskeyword(make_slug(name))):
+        reading.add_problem(
+            "name", f"found {show_value(name)}, possible is anything but a word of C or Python; add a word to it"
+        )
     return values
 
 
-def joints(table: Mapping[str, Any], reading: Reading) -> list[dict[str, Values]]:
+def check_joints(table: Mapping[str, Any], reading: RobotFileReader) -> list[dict[str, Values]]:
     """Check every [[joint]].
 
     Args:
@@ -112,125 +114,144 @@ def joints(table: Mapping[str, Any], reading: Reading) -> list[dict[str, Values]
     """
     raw = table.get("joint", [])
     if not isinstance(raw, list):
-        reading.add("joint", f"found {shown(raw)}, possible are tables; write [[joint]] in two brackets for each joint")
+        reading.add_problem(
+            "joint", f"found {show_value(raw)}, possible are tables; write [[joint]] in two brackets for each joint"
+        )
         return []
     if not 1 <= len(raw) <= MAX_JOINTS:
-        reading.add("joint", f"found {len(raw)} joints, possible are 1 to {MAX_JOINTS}; write one [[joint]] for each")
-    return [_joint(one, f"joint[{number}]", reading) for number, one in enumerate(raw[:MAX_JOINTS], 1)]
+        reading.add_problem(
+            "joint", f"found {len(raw)} joints, possible are 1 to {MAX_JOINTS}; write one [[joint]] for each"
+        )
+    return [_check_joint(one, f"joint[{number}]", reading) for number, one in enumerate(raw[:MAX_JOINTS], 1)]
 
 
-def _joint(raw: Any, place: str, reading: Reading) -> dict[str, Values]:
-    values = {"joint": reading.table(raw, "joint", place)}
+def _check_joint(raw: Any, place: str, reading: RobotFileReader) -> dict[str, Values]:
+    values = {"joint": reading.read_table(raw, "joint", place)}
     if not isinstance(raw, Mapping):
         return values | {name: {} for name in SUBTABLES["joint"]}
-    _link(raw, values["joint"], place, reading)
+    _check_link(raw, values["joint"], place, reading)
     for name in ("limits", "sensor"):
-        values[name] = reading.table(raw.get(name, {}), f"joint.{name}", f"{place}.{name}")
+        values[name] = reading.read_table(raw.get(name, {}), f"joint.{name}", f"{place}.{name}")
     if "drive" not in raw:
-        reading.add(
+        reading.add_problem(
             f"{place}.drive", "found nothing, required is a drive; write [joint.drive] and its keys below [[joint]]"
         )
         return values | {"drive": {}}
-    values["drive"] = reading.table(raw["drive"], "joint.drive", f"{place}.drive")
+    values["drive"] = reading.read_table(raw["drive"], "joint.drive", f"{place}.drive")
     if isinstance(raw["drive"], Mapping):
-        _needs(raw["drive"], values["drive"], f"{place}.drive", reading)
-        _drive(values["drive"], f"{place}.drive", reading)
+        _check_needs(raw["drive"], values["drive"], f"{place}.drive", reading)
+        _check_drive(values["drive"], f"{place}.drive", reading)
     return values
 
 
-def _link(raw: Mapping[str, Any], values: Values, place: str, reading: Reading) -> None:
+def _check_link(raw: Mapping[str, Any], values: Values, place: str, reading: RobotFileReader) -> None:
     """Check length and inertia against the joint's kind."""
     prismatic = values.get("type") == "prismatic"
     if prismatic and "length" in values and values["length"].nominal != 0:
         found = f"found {values['length'].nominal:g}"
-        reading.add(
-            path(place, "length"), f"{found}, possible is 0 at a prismatic joint; remove it or use a further joint"
+        reading.add_problem(
+            key_path(place, "length"), f"{found}, possible is 0 at a prismatic joint; remove it or use a further joint"
         )
     if not prismatic and "length" not in raw:
-        reading.missing(keys("joint")["length"], place)
+        reading.add_missing(keys_of("joint")["length"], place)
     lumped = "inertia_about_joint" in raw
     if lumped and "inertia" in raw:
-        reading.add(path(place, "inertia_about_joint"), "found beside inertia, possible is one of the two; remove one")
+        reading.add_problem(
+            key_path(place, "inertia_about_joint"), "found beside inertia, possible is one of the two; remove one"
+        )
     elif lumped and prismatic:
         possible = "possible is inertia, as a prismatic joint has no axis"
-        reading.add(path(place, "inertia_about_joint"), f"found at a prismatic joint, {possible}; write inertia")
+        reading.add_problem(
+            key_path(place, "inertia_about_joint"), f"found at a prismatic joint, {possible}; write inertia"
+        )
     elif not lumped and "inertia" not in raw:
-        reading.missing(keys("joint")["inertia"], place)
+        reading.add_missing(keys_of("joint")["inertia"], place)
 
 
-def _needs(raw: Mapping[str, Any], values: Values, place: str, reading: Reading) -> None:
-    """Check the drive's keys against `Need`; where ``rigid`` itself is wrong, problems that follow are left out."""
+def _check_needs(raw: Mapping[str, Any], values: Values, place: str, reading: RobotFileReader) -> None:
+    """Check the drive's keys against `KeyNeed`; where ``rigid`` itself is wrong, problems that follow are left out."""
     rigid, geared = values.get("rigid"), "catalogue" in raw
-    sheet = any(name in raw for name in SHEET)
-    springs = (Need.SPRING, Need.FLEXIBLE, Need.SHEET, Need.BESIDE)
-    for name, key in keys("joint.drive").items():
+    sheet = any(name in raw for name in DATA_SHEET_KEYS)
+    springs = (KeyNeed.SPRING_KEY, KeyNeed.FLEXIBLE, KeyNeed.DATA_SHEET, KeyNeed.DATA_SHEET_ONLY)
+    for name, key in keys_of("joint.drive").items():
         given = name in raw
-        if rigid is None or key.need in (Need.YES, Need.NO):
+        if rigid is None or key.need in (KeyNeed.YES, KeyNeed.NO):
             continue
         if rigid and given and key.need in springs:
-            reading.add(
-                path(place, name),
+            reading.add_problem(
+                key_path(place, name),
                 "found with rigid = true, possible only in a drive with springs; remove it or rigid = true",
             )
-        elif geared and given and key.need in (Need.SPRING, Need.SHEET, Need.BESIDE):
-            reading.add(path(place, name), "found beside catalogue, possible is one of the two; remove one")
-        elif sheet and given and key.need is Need.SPRING:
-            reading.add(path(place, name), "found beside K1 to T2 of a data sheet, possible is either; remove one")
-        elif given and key.need is Need.BESIDE and not sheet:
-            reading.add(path(place, name), "found without K1 to T2 of a data sheet, possible is beside them; remove it")
-        elif not given and not geared and _asked(key, rigid, sheet):
-            reading.missing(key, place)
+        elif geared and given and key.need in (KeyNeed.SPRING_KEY, KeyNeed.DATA_SHEET, KeyNeed.DATA_SHEET_ONLY):
+            reading.add_problem(key_path(place, name), "found beside catalogue, possible is one of the two; remove one")
+        elif sheet and given and key.need is KeyNeed.SPRING_KEY:
+            reading.add_problem(
+                key_path(place, name), "found beside K1 to T2 of a data sheet, possible is either; remove one"
+            )
+        elif given and key.need is KeyNeed.DATA_SHEET_ONLY and not sheet:
+            reading.add_problem(
+                key_path(place, name), "found without K1 to T2 of a data sheet, possible is beside them; remove it"
+            )
+        elif not given and not geared and _is_required(key, rigid, sheet):
+            reading.add_missing(key, place)
 
 
-def _asked(key: Key, rigid: bool, sheet: bool) -> bool:
+def _is_required(key: Key, rigid: bool, sheet: bool) -> bool:
     """Whether a drive without catalogue must have a key; its springs come from a data ``sheet`` or from keys."""
-    if rigid or key.need is Need.GEARED:
-        return key.need is Need.GEARED
+    if rigid or key.need is KeyNeed.GEARED:
+        return key.need is KeyNeed.GEARED
     if sheet:
-        return key.need is Need.SHEET or key.name == "hysteresis_loss"
-    return key.need is Need.SPRING
+        return key.need is KeyNeed.DATA_SHEET or key.name == "hysteresis_loss"
+    return key.need is KeyNeed.SPRING_KEY
 
 
-def _sheet(values: Values, place: str, reading: Reading) -> None:
+def _check_data_sheet(values: Values, place: str, reading: RobotFileReader) -> None:
     """Whether the numbers of a data sheet give springs."""
-    T1, T2, K1, K2, K3 = (values[name] for name in SHEET)
+    T1, T2, K1, K2, K3 = (values[name] for name in DATA_SHEET_KEYS)
     if not T1 < T2:
-        reading.add(path(place, "T2"), f"found {T2:g}, possible is above T1 = {T1:g}; correct them")
+        reading.add_problem(key_path(place, "T2"), f"found {T2:g}, possible is above T1 = {T1:g}; correct them")
     elif not K1 <= K2 <= K3:
         found = f"found K1 = {K1:g}, K2 = {K2:g} and K3 = {K3:g}"
-        reading.add(path(place, "K1"), f"{found}, possible are stiffnesses that do not fall; correct them")
+        reading.add_problem(key_path(place, "K1"), f"{found}, possible are stiffnesses that do not fall; correct them")
     elif values["hysteresis_loss"] <= 0:
-        reading.add(path(place, "hysteresis_loss"), "found 0, possible beside K1 to T2 is above 0; correct it")
+        reading.add_problem(
+            key_path(place, "hysteresis_loss"), "found 0, possible beside K1 to T2 is above 0; correct it"
+        )
     elif values.get("starting_torque", values["coulomb_friction"].nominal) <= 0:
-        reading.add(path(place, "starting_torque"), "found no friction to start against; write that of the data sheet")
-    elif (most := steepest(T1, T2) * K1) <= K2:
+        reading.add_problem(
+            key_path(place, "starting_torque"), "found no friction to start against; write that of the data sheet"
+        )
+    elif (most := largest_stiffness_ratio(T1, T2) * K1) <= K2:
         possible = f"possible is below {most:.6g} with these K1, T1 and T2, so that the law starts above 0"
-        reading.add(path(place, "K2"), f"found {K2:g}, {possible}; correct them")
+        reading.add_problem(key_path(place, "K2"), f"found {K2:g}, {possible}; correct them")
 
 
-def _drive(values: Values, place: str, reading: Reading) -> None:
+def _check_drive(values: Values, place: str, reading: RobotFileReader) -> None:
     """Check the drive's values against each other; those of a rigid drive do not depend on each other."""
     if values.get("rigid") is not False:
         return
-    if {*SHEET, "hysteresis_loss", "coulomb_friction"} <= values.keys():
-        _sheet(values, place, reading)
+    if {*DATA_SHEET_KEYS, "hysteresis_loss", "coulomb_friction"} <= values.keys():
+        _check_data_sheet(values, place, reading)
     gear = CATALOGUE.get(values.get("catalogue", ""))
     if gear and "ratio" in values and values["ratio"].nominal != gear.ratio:
-        found = f"found {values['ratio'].nominal:g} beside catalogue = {shown(values['catalogue'])}"
-        reading.add(path(place, "ratio"), f"{found}, possible is {gear.ratio:g}; correct or remove one")
+        found = f"found {values['ratio'].nominal:g} beside catalogue = {show_value(values['catalogue'])}"
+        reading.add_problem(key_path(place, "ratio"), f"{found}, possible is {gear.ratio:g}; correct or remove one")
     rotor = values.get("motor_inertia")
-    if rotor and rotor.nominal < LEAST_ROTOR:
-        possible = f"possible is {LEAST_ROTOR:g} kg m² or more in a drive with springs"
-        reading.add(
-            path(place, "motor_inertia"), f"found {rotor.nominal:g}, {possible}; correct it or write rigid = true"
+    if rotor and rotor.nominal < LEAST_ROTOR_INERTIA:
+        possible = f"possible is {LEAST_ROTOR_INERTIA:g} kg m² or more in a drive with springs"
+        reading.add_problem(
+            key_path(place, "motor_inertia"), f"found {rotor.nominal:g}, {possible}; correct it or write rigid = true"
         )
 
 
 # -- effects ----------------------------------------------------------------------------------------------------------
 
 
-def effects(
-    table: Mapping[str, Any], joints: list[dict[str, Values]], known: tuple[Effect, ...] | None, reading: Reading
+def check_effects(
+    table: Mapping[str, Any],
+    joints: list[dict[str, Values]],
+    known: tuple[Effect, ...] | None,
+    reading: RobotFileReader,
 ) -> list[StatedEffect]:
     """Check every [[effect]].
 
@@ -246,43 +267,51 @@ def effects(
     """
     raw = table.get("effect", [])
     if not isinstance(raw, list):
-        reading.add("effect", f"found {shown(raw)}, possible are tables; write [[effect]] in two brackets for each one")
+        reading.add_problem(
+            "effect", f"found {show_value(raw)}, possible are tables; write [[effect]] in two brackets for each one"
+        )
         return []
     if raw and known is None:
         from gen.effects import ALL  # here, for it brings casadi
 
         known = ALL
     by_name = {effect.name: effect for effect in known or ()}
-    found = [_effect(one, f"effect[{number}]", joints, by_name, reading) for number, one in enumerate(raw, 1)]
+    found = [_check_effect(one, f"effect[{number}]", joints, by_name, reading) for number, one in enumerate(raw, 1)]
     first: dict[tuple[str, int], int] = {}
     for number, stated in enumerate(found, 1):
         if stated and first.setdefault((stated.name, stated.joint), number) != number:
             twice = f"found {stated.name} at joint {stated.joint} again, possible is once"
-            reading.add(f"effect[{number}]", f"{twice}; remove it or effect[{first[stated.name, stated.joint]}]")
+            reading.add_problem(
+                f"effect[{number}]", f"{twice}; remove it or effect[{first[stated.name, stated.joint]}]"
+            )
     return [stated for stated in found if stated]
 
 
-def _effect(
-    raw: Any, place: str, joints: list[dict[str, Values]], known: Mapping[str, Effect], reading: Reading
+def _check_effect(
+    raw: Any, place: str, joints: list[dict[str, Values]], known: Mapping[str, Effect], reading: RobotFileReader
 ) -> StatedEffect | None:
     if not isinstance(raw, Mapping):
-        reading.add(place, f"found {shown(raw)}, possible is a table; write [[effect]] and its keys below")
+        reading.add_problem(place, f"found {show_value(raw)}, possible is a table; write [[effect]] and its keys below")
         return None
-    values = reading.table({name: raw[name] for name in ("name", "joint") if name in raw}, "effect", place)
+    values = reading.read_table({name: raw[name] for name in ("name", "joint") if name in raw}, "effect", place)
     effect = known.get(values.get("name", ""))
     if effect is None:
         if "name" in values:
-            hint = reading.hint(values["name"], known)
+            hint = reading.suggest(values["name"], known)
             possible = f"possible are {', '.join(known) or 'none'}"
-            reading.add(path(place, "name"), f"found {shown(values['name'])}, {possible}; choose one of them{hint}")
+            reading.add_problem(
+                key_path(place, "name"), f"found {show_value(values['name'])}, {possible}; choose one of them{hint}"
+            )
         return None
     if "joint" in values:
-        _where(effect, values["joint"], place, joints, reading)
+        _check_effect_joint(effect, values["joint"], place, joints, reading)
     at: Values = {}
     if 0 < values.get("joint", 0) <= len(joints):
         at = joints[values["joint"] - 1]["drive"]
     named = {
-        p.name: Key("effect", p.name, Kind.PARAMETER, Need.NO, p.unit, Range(p.low, p.high), p.meaning, p.nominal)
+        p.name: Key(
+            "effect", p.name, ValueKind.PARAMETER, KeyNeed.NO, p.unit, Range(p.low, p.high), p.meaning, p.nominal
+        )
         for p in effect.parameters
         if p.unless not in at
     }
@@ -290,16 +319,18 @@ def _effect(
     parameters: dict[str, Value] = {}
     for name, key in named.items():
         if name in raw or name not in scaled:
-            reading.value(key, raw.get(name, key.default), place, parameters)
+            reading.read_value(key, raw.get(name, key.default), place, parameters)
     for name in raw:
         if name not in named and name not in ("name", "joint"):
-            reading.unknown(name, place, ("name", "joint", *named))
+            reading.add_unknown(name, place, ("name", "joint", *named))
     if "joint" not in values:
         return None
     return StatedEffect(effect.name, values["joint"], parameters)
 
 
-def _where(effect: Effect, joint: int, place: str, joints: list[dict[str, Values]], reading: Reading) -> None:
+def _check_effect_joint(
+    effect: Effect, joint: int, place: str, joints: list[dict[str, Values]], reading: RobotFileReader
+) -> None:
     n = len(joints)
     fits = {"arm": range(1), "first": range(1, 2), "last": range(n, n + 1)}.get(effect.joints, range(1, n + 1))
     if joint not in fits:
@@ -307,24 +338,28 @@ def _where(effect: Effect, joint: int, place: str, joints: list[dict[str, Values
         possible = " to ".join(map(str, ends)) or "none"
         words = {"arm": " (the arm as a whole)", "first": " (the first joint)", "last": " (the last joint)"}
         which = words.get(effect.joints, "")
-        reading.add(path(place, "joint"), f"found {joint}, possible for {effect.name} is {possible}{which}; correct it")
+        reading.add_problem(
+            key_path(place, "joint"), f"found {joint}, possible for {effect.name} is {possible}{which}; correct it"
+        )
     elif joint:
-        _kind(effect, joint, joints[joint - 1], path(place, "joint"), reading)
+        _check_effect_drive(effect, joint, joints[joint - 1], key_path(place, "joint"), reading)
 
 
-def _kind(effect: Effect, joint: int, values: dict[str, Values], place: str, reading: Reading) -> None:
+def _check_effect_drive(
+    effect: Effect, joint: int, values: dict[str, Values], place: str, reading: RobotFileReader
+) -> None:
     """Whether the effect has a meaning at a joint of that kind with that drive."""
     drive, series = values["drive"], effect.port is Port.SERIES
     rotor = drive.get("motor_inertia")
-    if not effect.prismatic and values["joint"].get("type") == "prismatic":
+    if not effect.suits_prismatic_joint and values["joint"].get("type") == "prismatic":
         has = f"found {joint}, which is prismatic, possible for {effect.name} is a revolute joint"
-        reading.add(place, f"{has}; remove the effect")
+        reading.add_problem(place, f"{has}; remove the effect")
     elif series and not drive.get("rigid"):
         has = f"found {joint}, whose drive has springs, possible for {effect.name} is a joint with rigid = true"
-        reading.add(place, f"{has}; remove the effect")
-    elif series and rotor is not None and rotor.nominal < LEAST_ROTOR:
+        reading.add_problem(place, f"{has}; remove the effect")
+    elif series and rotor is not None and rotor.nominal < LEAST_ROTOR_INERTIA:
         has = f"found {joint}, whose motor_inertia is {rotor.nominal:g}, possible for {effect.name} is a joint with"
-        reading.add(place, f"{has} {LEAST_ROTOR:g} kg m² or more; state the rotor's own inertia")
-    elif not effect.rigid and drive.get("rigid"):
+        reading.add_problem(place, f"{has} {LEAST_ROTOR_INERTIA:g} kg m² or more; state the rotor's own inertia")
+    elif not effect.suits_rigid_drive and drive.get("rigid"):
         has = f"found {joint}, whose drive is rigid, possible for {effect.name} is a joint whose drive has springs"
-        reading.add(place, f"{has}; remove the effect or rigid = true")
+        reading.add_problem(place, f"{has}; remove the effect or rigid = true")

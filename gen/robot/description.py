@@ -115,7 +115,7 @@ class Robot:
     source: Path
 
 
-def canonical(robot: Robot) -> dict[str, Any]:
+def describe_robot(robot: Robot) -> dict[str, Any]:
     """Write the description as JSON can hold it, for the manifest.
 
     Args:
@@ -125,15 +125,15 @@ def canonical(robot: Robot) -> dict[str, Any]:
         Everything but the place of the file, and effects that the file does not state.
 
     """
-    description = _plain(asdict(robot))
+    description = _to_plain_json(asdict(robot))
     del description["source"]
     description["effects"] = [effect for effect in description["effects"] if not effect.pop("assumed")]
     return description
 
 
-def _plain(value: Any) -> Any:
+def _to_plain_json(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _plain(part) for key, part in value.items()}
+        return {key: _to_plain_json(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
+        return [_to_plain_json(part) for part in value]
     return value

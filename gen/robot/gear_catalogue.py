@@ -47,11 +47,11 @@ CATALOGUE: dict[str, Gear] = {
 
 # The springs' values in robot.toml, in the order of `drive_laws`.
 SPRING_KEYS = ("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening")
-SHEET = ("T1", "T2", "K1", "K2", "K3")  # the keys of a data sheet in robot.toml
-LINEAR = 1e-6  # c_f, 1/(N m): as good as none
+DATA_SHEET_KEYS = ("T1", "T2", "K1", "K2", "K3")  # the keys of a data sheet in robot.toml
+LEAST_STIFFENING = 1e-6  # c_f, 1/(N m): as good as none
 
 
-def steepest(T1: float, T2: float) -> float:
+def largest_stiffness_ratio(T1: float, T2: float) -> float:
     """Find the ratio K2 / K1 from which on the flexspline's law would have no stiffness at no torque.
 
     Args:
@@ -82,7 +82,7 @@ def drive_laws(gear: Gear) -> tuple[float, float, float, float]:
     low, middle = (gear.T1 / 2) ** 2, ((gear.T1 + gear.T2) / 2) ** 2
     slope = (gear.K2 - gear.K1) / (middle - low)
     K_f0 = gear.K1 - slope * low
-    c_f = max(sqrt(slope / K_f0), LINEAR)
+    c_f = max(sqrt(slope / K_f0), LEAST_STIFFENING)
     K_w0 = 2 * gear.starting_torque / (gear.ratio * gear.hysteresis_loss)
     c_w = 2 / (gear.hysteresis_loss * gear.ratio * K_w0)
     return K_f0, c_f, K_w0, c_w

@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from gen.effects.effect import Effect
-from gen.presets import presets
+from gen.presets import find_presets
 from gen.robot import consistency_checks
-from gen.robot.description import Drive, Joint, Limits, Robot, RobotError, Sensor, StatedEffect, Value, canonical
-from gen.robot.gear_catalogue import CATALOGUE, SHEET, SPRING_KEYS, Gear, drive_laws
-from gen.robot.mass_matrix import singular
-from gen.robot.model_parameters import ParameterValue, parameters
+from gen.robot.description import Drive, Joint, Limits, Robot, RobotError, Sensor, StatedEffect, Value, describe_robot
+from gen.robot.gear_catalogue import CATALOGUE, DATA_SHEET_KEYS, SPRING_KEYS, Gear, drive_laws
+from gen.robot.mass_matrix import find_singular_pose
+from gen.robot.model_parameters import ParameterValue, list_parameters
 from gen.robot.robot_text import parse_robot, read_robot
 from gen.robot.schema import LAW_SHARPNESS
-from gen.robot.table_reader import Reading
-from gen.robot.value_reader import shown
+from gen.robot.table_reader import RobotFileReader
+from gen.robot.value_reader import show_value
 
 __all__ = [
     "Drive",
@@ -32,10 +32,10 @@ __all__ = [
     "Sensor",
     "StatedEffect",
     "Value",
-    "canonical",
+    "describe_robot",
     "from_table",
+    "list_parameters",
     "load",
-    "parameters",
 ]
 
 
@@ -53,11 +53,11 @@ def load(source: str | Path, effects: tuple[Effect, ...] | None = None) -> Robot
         RobotError: The file cannot be used; it holds a sentence for each problem.
 
     """
-    file, label = presets().get(str(source), Path(source)), labelled(source)
+    file, label = find_presets().get(str(source), Path(source)), label_source(source)
     return from_table(parse_robot(read_robot(file, label), label), label, file, effects)
 
 
-def labelled(source: str | Path) -> str:
+def label_source(source: str | Path) -> str:
     """Write a preset's name or a path so that a sentence can hold it.
 
     Args:
@@ -70,7 +70,7 @@ def labelled(source: str | Path) -> str:
     name = str(source)
     if name.isprintable() and len(name) <= 200:
         return name
-    return shown(name)
+    return show_value(name)
 
 
 def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tuple[Effect, ...] | None = None) -> Robot:
@@ -89,14 +89,14 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
         RobotError: The file cannot be used; it holds a sentence for each problem.
 
     """
-    reading = Reading(label)
-    top = consistency_checks.top(table, reading)
-    stated = consistency_checks.joints(table, reading)
-    present = consistency_checks.effects(table, stated, effects, reading)
+    reading = RobotFileReader(label)
+    top = consistency_checks.check_top(table, reading)
+    stated = consistency_checks.check_joints(table, reading)
+    present = consistency_checks.check_effects(table, stated, effects, reading)
     if reading.problems:
         raise RobotError(reading.problems)
-    joints = tuple(_joint(values, reading.tolerance) for values in stated)
-    flaw = singular(joints)
+    joints = tuple(_make_joint(values, reading.tolerance) for values in stated)
+    flaw = find_singular_pose(joints)
     if flaw:
         where = ", ".join(f"{position:.3g}" for position in flaw[0])
         found = f"found a mass matrix that is not positive definite at the joint positions [{where}]"
@@ -105,7 +105,7 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
     name = top["name"]
     return Robot(
         name,
-        consistency_checks.slug(name),
+        consistency_checks.make_slug(name),
         top["gravity"],
         top["tolerance"],
         top["step"],
@@ -119,7 +119,7 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
 # -- the description, with the values that the file leaves open -------------------------------------------------------
 
 
-def _joint(values: dict[str, dict[str, Any]], tolerance: float) -> Joint:
+def _make_joint(values: dict[str, dict[str, Any]], tolerance: float) -> Joint:
     own, drive = values["joint"], values["drive"]
     gear = CATALOGUE.get(drive.get("catalogue", ""))
     limits = {name: values["limits"].get(name) for name in ("position", "speed", "torque", "motor_torque_rate")}
@@ -127,20 +127,20 @@ def _joint(values: dict[str, dict[str, Any]], tolerance: float) -> Joint:
         limits["torque"] = gear.repeated_peak_torque
     inertia = own.get("inertia")
     if inertia is None:
-        inertia = _about_center(own)
+        inertia = _inertia_about_center(own)
     return Joint(
         kind=own["type"],
         length=own["length"],
         mass=own["mass"],
         center_of_mass=own["center_of_mass"],
         inertia=inertia,
-        drive=_drive(drive, tolerance),
+        drive=_make_drive(drive, tolerance),
         limits=Limits(**limits),
         sensor=Sensor(**values["sensor"]),
     )
 
 
-def _about_center(own: dict[str, Any]) -> Value:
+def _inertia_about_center(own: dict[str, Any]) -> Value:
     """Inertia about the centre of mass from the one about the joint, whose standard deviation it keeps."""
     about_joint = own["inertia_about_joint"]
     inertia = about_joint.nominal - own["mass"].nominal * own["center_of_mass"].nominal ** 2
@@ -149,18 +149,18 @@ def _about_center(own: dict[str, Any]) -> Value:
     return Value(inertia, about_joint.tolerance * abs(about_joint.nominal / inertia))
 
 
-def _of_data_sheet(stated: dict[str, Any]) -> Gear | None:
+def _gear_of_data_sheet(stated: dict[str, Any]) -> Gear | None:
     """The gear whose data sheet stands in a drive, None where none does."""
-    if SHEET[0] not in stated:
+    if DATA_SHEET_KEYS[0] not in stated:
         return None
     starting = stated.get("starting_torque", stated["coulomb_friction"].nominal)
-    numbers = {name: stated[name] for name in SHEET}
+    numbers = {name: stated[name] for name in DATA_SHEET_KEYS}
     loss = stated["hysteresis_loss"]
     return Gear(stated["ratio"].nominal, **numbers, hysteresis_loss=loss, starting_torque=starting, source="robot.toml")
 
 
-def _drive(stated: dict[str, Any], tolerance: float) -> Drive:
-    gear = CATALOGUE.get(stated.get("catalogue", "")) or _of_data_sheet(stated)
+def _make_drive(stated: dict[str, Any], tolerance: float) -> Drive:
+    gear = CATALOGUE.get(stated.get("catalogue", "")) or _gear_of_data_sheet(stated)
     values: dict[str, Any] = {name: stated.get(name) for name in Drive.__dataclass_fields__}
     values["compliant"] = False
     if gear:

@@ -12,9 +12,9 @@ import numpy as np
 
 from gen.robot.description import Joint
 
-POINTS = 4096  # of the grid at most
-SMALLEST = 1e-9  # eigenvalue of M scaled to a unit diagonal
-LEAST = 1e-12  # kg m² or kg on the diagonal of M
+MASS_GRID_POINTS = 4096  # of the grid at most
+LEAST_EIGENVALUE = 1e-9  # eigenvalue of M scaled to a unit diagonal
+LEAST_DIAGONAL = 1e-12  # kg m² or kg on the diagonal of M
 
 
 def mass_matrix(joints: tuple[Joint, ...], q: np.ndarray) -> np.ndarray:
@@ -54,7 +54,7 @@ def mass_matrix(joints: tuple[Joint, ...], q: np.ndarray) -> np.ndarray:
     return M
 
 
-def singular(joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], float] | None:
+def find_singular_pose(joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], float] | None:
     """Find joint positions at which the mass matrix is not positive definite.
 
     The grid covers full turns of every revolute joint but the first, on which M does not depend, the straight and the
@@ -68,19 +68,19 @@ def singular(joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], float] | Non
         positive definite on the whole grid.
 
     """
-    q = _grid(joints)
+    q = _pose_grid(joints)
     M = mass_matrix(joints, q)
     diagonal = np.einsum("pii->pi", M)
-    scale = np.sqrt(np.where(diagonal > LEAST, diagonal, 1.0))
+    scale = np.sqrt(np.where(diagonal > LEAST_DIAGONAL, diagonal, 1.0))
     smallest = np.linalg.eigvalsh(M / (scale[:, :, None] * scale[:, None, :]))[:, 0]
     worst = int(np.argmin(smallest))
-    if smallest[worst] > SMALLEST:
+    if smallest[worst] > LEAST_EIGENVALUE:
         return None
     return tuple(float(value) for value in q[worst]), float(smallest[worst])
 
 
-def mobility(joints: tuple[Joint, ...]) -> np.ndarray:
-    """Compute how easily each joint is moved at most, over the grid of `singular`.
+def joint_mobility(joints: tuple[Joint, ...]) -> np.ndarray:
+    """Compute how easily each joint is moved at most, over the grid of `find_singular_pose`.
 
     Args:
         joints: The joints, base first.
@@ -89,17 +89,17 @@ def mobility(joints: tuple[Joint, ...]) -> np.ndarray:
         The largest diagonal of M⁻¹ (n), 1/(kg m²) or 1/kg.
 
     """
-    return np.asarray(np.diagonal(np.linalg.inv(mass_matrix(joints, _grid(joints))), axis1=1, axis2=2).max(0))
+    return np.asarray(np.diagonal(np.linalg.inv(mass_matrix(joints, _pose_grid(joints))), axis1=1, axis2=2).max(0))
 
 
-def _grid(joints: tuple[Joint, ...]) -> np.ndarray:
+def _pose_grid(joints: tuple[Joint, ...]) -> np.ndarray:
     """Joint positions (points × n)."""
-    count = 2 * max(2, int(POINTS ** (1 / max(len(joints) - 1, 1)) / 2))
-    axes = [np.zeros(1)] + [_axis(joint, count) for joint in joints[1:]]
+    count = 2 * max(2, int(MASS_GRID_POINTS ** (1 / max(len(joints) - 1, 1)) / 2))
+    axes = [np.zeros(1)] + [_joint_grid(joint, count) for joint in joints[1:]]
     return np.array(list(itertools.product(*axes)))
 
 
-def _axis(joint: Joint, count: int) -> np.ndarray:
+def _joint_grid(joint: Joint, count: int) -> np.ndarray:
     if joint.kind == "revolute":
         return np.arange(count) * (2 * np.pi / count)
     low, high = joint.limits.position or (-1.0, 1.0)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gen.robot.description import Drive, Joint, Robot, Value
-from gen.robot.schema import Key, keys, unit
+from gen.robot.schema import Key, keys_of, unit_at
 
-LINK = ("length", "mass", "center_of_mass", "inertia")
-MOTOR = (
+LINK_KEYS = ("length", "mass", "center_of_mass", "inertia")
+DRIVE_KEYS = (
     "ratio",
     "motor_inertia",
     "torque_constant",
@@ -22,8 +22,8 @@ MOTOR = (
     "torsional_damping",
     "law_torque",
 )
-DISSIPATING = ("viscous_friction", "coulomb_friction", "torsional_damping")
-LOSSES = 20.0  # times the nominal damping that a spring may have when it is cold or worn
+DISSIPATION_KEYS = ("viscous_friction", "coulomb_friction", "torsional_damping")
+LARGEST_DAMPING_FACTOR = 20.0  # times the nominal damping that a spring may have when it is cold or worn
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ class ParameterValue:
     joint: int
 
 
-def parameters(robot: Robot) -> tuple[ParameterValue, ...]:
+def list_parameters(robot: Robot) -> tuple[ParameterValue, ...]:
     """List the parameters of the model with their bounds.
 
     A drive without springs, or without a torque constant, has no such parameters. Bounds lie within the physical range:
 
-    - from a third of the nominal to three times it, or as far from 0 as the key's ``width`` where it is 0;
+    - from a third of the nominal to three times it, or as far from 0 as the key's ``zero_width`` where it is 0;
     - a motor's friction from nothing up, as a file may state a guess, or a gear's friction for a whole joint's;
     - damping of a spring from nothing to LOSSES times the nominal, or up to its physical range where that is 0;
     - a lumped inertia may be negative, and a prismatic joint's length is 0.
@@ -54,40 +54,44 @@ def parameters(robot: Robot) -> tuple[ParameterValue, ...]:
         robot: The robot description.
 
     Returns:
-        Gravity, then joint after joint the link's and the drive's parameters in the order of `LINK` and `MOTOR`.
+        Gravity, then joint after joint the link's and the drive's parameters in the order of `LINK_KEYS` and
+        `DRIVE_KEYS`.
 
     """
-    gravity = keys("")["gravity"]
+    gravity = keys_of("")["gravity"]
     values = [
-        _parameter(f"gravity_{axis}", gravity, "revolute", v, 0) for axis, v in zip("xy", robot.gravity, strict=True)
+        _make_parameter(f"gravity_{axis}", gravity, "revolute", v, 0)
+        for axis, v in zip("xy", robot.gravity, strict=True)
     ]
     for number, joint in enumerate(robot.joints, 1):
-        for table, names, part in (("joint", LINK, joint), ("joint.drive", MOTOR, joint.drive)):
-            values += _present(table, names, part, joint.kind, number)
+        for table, names, part in (("joint", LINK_KEYS, joint), ("joint.drive", DRIVE_KEYS, joint.drive)):
+            values += _stated_parameters(table, names, part, joint.kind, number)
     return tuple(values)
 
 
-def _present(table: str, names: tuple[str, ...], part: Joint | Drive, kind: str, number: int) -> list[ParameterValue]:
-    stated = ((keys(table)[name], getattr(part, name)) for name in names)
-    return [_parameter(f"{key.name}_{number}", key, kind, v, number) for key, v in stated if v is not None]
+def _stated_parameters(
+    table: str, names: tuple[str, ...], part: Joint | Drive, kind: str, number: int
+) -> list[ParameterValue]:
+    stated = ((keys_of(table)[name], getattr(part, name)) for name in names)
+    return [_make_parameter(f"{key.name}_{number}", key, kind, v, number) for key, v in stated if v is not None]
 
 
-def _parameter(name: str, key: Key, kind: str, value: Value, joint: int) -> ParameterValue:
-    low, high = _bounds(key, kind, value.nominal)
-    return ParameterValue(name, unit(key, kind), value.nominal, low, high, value.tolerance, key.meaning, joint)
+def _make_parameter(name: str, key: Key, kind: str, value: Value, joint: int) -> ParameterValue:
+    low, high = _parameter_bounds(key, kind, value.nominal)
+    return ParameterValue(name, unit_at(key, kind), value.nominal, low, high, value.tolerance, key.meaning, joint)
 
 
-def _bounds(key: Key, kind: str, nominal: float) -> tuple[float, float]:
+def _parameter_bounds(key: Key, kind: str, nominal: float) -> tuple[float, float]:
     if key.name == "length" and kind == "prismatic":
         return 0.0, 0.0
     if key.name == "torsional_damping" and nominal:
-        return 0.0, min(LOSSES * nominal, key.range.high)
-    if key.name in DISSIPATING:
+        return 0.0, min(LARGEST_DAMPING_FACTOR * nominal, key.range.high)
+    if key.name in DISSIPATION_KEYS:
         return 0.0, key.range.high
     least = key.range.low
     if key.name == "inertia" and nominal < 0:
         least = -key.range.high
-    low, high = -key.width, key.width
+    low, high = -key.zero_width, key.zero_width
     if nominal:
         low, high = sorted((nominal / 3, nominal * 3))
     return max(low, least), min(high, key.range.high)

@@ -8,9 +8,9 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from gen.presets import presets
+from gen.presets import find_presets
 from gen.robot.description import RobotError
-from gen.robot.value_reader import shown
+from gen.robot.value_reader import show_value
 
 LARGEST = 1_000_000  # bytes of a file
 # 64 parts of one key, which take time with the square of their number: no robot has a use for them
@@ -32,7 +32,7 @@ def read_robot(file: Path, label: str) -> bytes:
         RobotError: The file is missing, not regular, too large or unreadable.
 
     """
-    possible = f"possible is a robot.toml or one of {', '.join(presets())}"
+    possible = f"possible is a robot.toml or one of {', '.join(find_presets())}"
     try:
         if not stat.S_ISREG(file.stat().st_mode):  # a pipe without a writer would wait
             raise RobotError([f"{label}: found no regular file, {possible}; correct the name."])
@@ -76,7 +76,7 @@ def parse_robot(raw: bytes, label: str) -> dict[str, Any]:
             [f"{label}: found bytes that are not UTF-8 ({where}), possible is UTF-8; save it so."]
         ) from None
     except (ValueError, RecursionError) as problem:
-        why = shown(str(problem))[1:-1]
+        why = show_value(str(problem))[1:-1]
         if isinstance(problem, RecursionError):
             why = "too deeply nested"
         raise RobotError(

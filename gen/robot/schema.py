@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from gen.presets import presets
+from gen.presets import find_presets
 from gen.robot.gear_catalogue import CATALOGUE
 
 MAX_JOINTS = 6
@@ -27,7 +27,7 @@ TITLES = {
 }
 
 
-class Kind(Enum):
+class ValueKind(Enum):
     """How a value is written."""
 
     PARAMETER = "number or {value, tolerance}"
@@ -39,7 +39,7 @@ class Kind(Enum):
     FLAG = "true or false"
 
 
-class Need(Enum):
+class KeyNeed(Enum):
     """When a key must or must not be there."""
 
     YES = "yes"
@@ -47,9 +47,9 @@ class Need(Enum):
     REVOLUTE = "yes; at a prismatic joint no, it is 0"
     EITHER = "one of inertia and inertia_about_joint"
     GEARED = "yes, unless catalogue is given"
-    SPRING = "yes; refused with catalogue, with a data sheet and with rigid = true"
-    SHEET = "of a data sheet, with hysteresis_loss; refused with catalogue and with rigid = true"
-    BESIDE = "no; of a data sheet alone"
+    SPRING_KEY = "yes; refused with catalogue, with a data sheet and with rigid = true"
+    DATA_SHEET = "of a data sheet, with hysteresis_loss; refused with catalogue and with rigid = true"
+    DATA_SHEET_ONLY = "no; of a data sheet alone"
     FLEXIBLE = "no; refused with rigid = true"
 
 
@@ -59,10 +59,10 @@ class Range:
 
     low: float = -math.inf
     high: float = math.inf
-    above: bool = False
+    excludes_low: bool = False
 
     def __contains__(self, number: float) -> bool:
-        return self.low <= number <= self.high and not (self.above and number == self.low)
+        return self.low <= number <= self.high and not (self.excludes_low and number == self.low)
 
 
 @dataclass(frozen=True)
@@ -71,29 +71,29 @@ class Key:
 
     table: str
     name: str
-    kind: Kind
-    need: Need
+    kind: ValueKind
+    need: KeyNeed
     unit: str
     range: Range
     meaning: str
     default: Any = None
-    otherwise: str = ""  # the default in words, where it is worked out
+    default_text: str = ""  # the default in words, where it is worked out
     exact: bool = False  # a parameter with tolerance 0 unless the file states one
-    width: float = 0.0  # of a parameter whose nominal is 0: how far its bounds lie from 0
-    sliding: str = ""  # the unit at a prismatic joint, where it differs
+    zero_width: float = 0.0  # of a parameter whose nominal is 0: how far its bounds lie from 0
+    prismatic_unit: str = ""  # the unit at a prismatic joint, where it differs
     choices: tuple[str, ...] = ()
-    otherwise_do: str = ""  # advice where no choice fits; then none of them is suggested
+    advice: str = ""  # advice where no choice fits; then none of them is suggested
 
 
-def above(low: float, high: float) -> Range:
+def range_above(low: float, high: float) -> Range:
     """A range without its low end."""
-    return Range(low, high, above=True)
+    return Range(low, high, excludes_low=True)
 
 
 ANY = Range()
-YES, NO, EITHER, SPRING, FLEXIBLE = Need.YES, Need.NO, Need.EITHER, Need.SPRING, Need.FLEXIBLE
-SHEET = Need.SHEET
-PARAMETER, NUMBER, TEXT = Kind.PARAMETER, Kind.NUMBER, Kind.TEXT
+YES, NO, EITHER, SPRING, FLEXIBLE = KeyNeed.YES, KeyNeed.NO, KeyNeed.EITHER, KeyNeed.SPRING_KEY, KeyNeed.FLEXIBLE
+SHEET = KeyNeed.DATA_SHEET
+PARAMETER, NUMBER, TEXT = ValueKind.PARAMETER, ValueKind.NUMBER, ValueKind.TEXT
 DRIVE, LIMITS, SENSOR = "joint.drive", "joint.limits", "joint.sensor"
 GEAR = "the catalogue's"
 LAW_SHARPNESS = 12.0  # c_f · law_torque where nothing else is stated
@@ -103,8 +103,8 @@ LAW_SHARPNESS = 12.0  # c_f · law_torque where nothing else is stated
 TABLE: tuple[Key, ...] = (
     Key("", "name", TEXT, YES, "", ANY,
         "label: a letter, then letters, digits, spaces and `_.,()+-`; 80 characters at most, no word of C or Python"),
-    Key("", "gravity", Kind.PARAMETERS, YES, "m/s²", Range(-100, 100),
-        "gravity in the plane of motion; base frame: x right, y up, q = 0 along x", exact=True, width=10.0),
+    Key("", "gravity", ValueKind.PARAMETERS, YES, "m/s²", Range(-100, 100),
+        "gravity in the plane of motion; base frame: x right, y up, q = 0 along x", exact=True, zero_width=10.0),
     Key("", "tolerance", NUMBER, NO, "1", Range(0, 10), "relative standard deviation of the parameters", 0.05),
     Key("", "step", NUMBER, NO, "s", Range(1e-7, 0.1), "integration step the model is meant for", 0.0005),
     Key("", "force_noise", NUMBER, NO, "N", Range(0, 1e5),
@@ -112,89 +112,89 @@ TABLE: tuple[Key, ...] = (
 
     Key("joint", "type", TEXT, NO, "", ANY,
         "a prismatic joint slides along its own x", "revolute", choices=("revolute", "prismatic")),
-    Key("joint", "length", PARAMETER, Need.REVOLUTE, "m", Range(0, 10),
-        "distance to the next joint or the tip", 0.0, exact=True, width=0.1),
-    Key("joint", "mass", PARAMETER, YES, "kg", Range(0, 1e4), "mass of the link", width=1.0),
+    Key("joint", "length", PARAMETER, KeyNeed.REVOLUTE, "m", Range(0, 10),
+        "distance to the next joint or the tip", 0.0, exact=True, zero_width=0.1),
+    Key("joint", "mass", PARAMETER, YES, "kg", Range(0, 1e4), "mass of the link", zero_width=1.0),
     Key("joint", "center_of_mass", PARAMETER, YES, "m", Range(-10, 10),
-        "centre of mass of the link, from the joint's axis along the link; negative behind the axis", width=0.1),
+        "centre of mass of the link, from the joint's axis along the link; negative behind the axis", zero_width=0.1),
     Key("joint", "inertia", PARAMETER, EITHER, "kg m²", Range(0, 1e4),
-        "inertia of the link about its centre of mass", width=0.1),
+        "inertia of the link about its centre of mass", zero_width=0.1),
     Key("joint", "inertia_about_joint", PARAMETER, EITHER, "kg m²", Range(0, 1e4),
         "inertia of the link about its joint's axis, lumped: inertia, which is this less mass·center_of_mass², may "
         "then be negative and only the whole mass matrix must be positive definite; not at a prismatic joint"),
 
-    Key(DRIVE, "rigid", Kind.FLAG, NO, "", ANY, "no springs: motor angle = ratio · joint position", False),
+    Key(DRIVE, "rigid", ValueKind.FLAG, NO, "", ANY, "no springs: motor angle = ratio · joint position", False),
     Key(DRIVE, "catalogue", TEXT, FLEXIBLE, "", ANY,
-        "gear that gives ratio, the four spring values and hysteresis_loss", otherwise="none",
-        choices=tuple(CATALOGUE), otherwise_do="another gear has other springs, so leave catalogue out and write "
+        "gear that gives ratio, the four spring values and hysteresis_loss", default_text="none",
+        choices=tuple(CATALOGUE), advice="another gear has other springs, so leave catalogue out and write "
         "ratio, K1, K2, K3, T1, T2 and hysteresis_loss of its own data sheet"),
-    Key(DRIVE, "ratio", PARAMETER, Need.GEARED, "1", Range(1e-3, 1e5),
-        "motor angle over joint position; both counted positive alike", otherwise=GEAR, exact=True, sliding="rad/m"),
+    Key(DRIVE, "ratio", PARAMETER, KeyNeed.GEARED, "1", Range(1e-3, 1e5),
+        "motor angle over joint position; both counted positive alike", default_text=GEAR, exact=True, prismatic_unit="rad/m"),
     Key(DRIVE, "motor_inertia", PARAMETER, YES, "kg m²", Range(0, 10),
-        "J_m: rotor and wave generator; from 1e-12 in a drive with springs", width=1e-3),
+        "J_m: rotor and wave generator; from 1e-12 in a drive with springs", zero_width=1e-3),
     Key(DRIVE, "torque_constant", PARAMETER, NO, "N m/A", Range(1e-6, 100),
-        "k_t; without it the input is motor torque", otherwise="none"),
-    Key(DRIVE, "max_current", NUMBER, NO, "A", above(0, 1e4),
-        "largest current; counts where torque_constant is given", otherwise="none"),
+        "k_t; without it the input is motor torque", default_text="none"),
+    Key(DRIVE, "max_current", NUMBER, NO, "A", range_above(0, 1e4),
+        "largest current; counts where torque_constant is given", default_text="none"),
     Key(DRIVE, "viscous_friction", PARAMETER, YES, "N m s/rad", Range(0, 1e6),
-        "viscous friction at the motor", width=1.0),
+        "viscous friction at the motor", zero_width=1.0),
     Key(DRIVE, "coulomb_friction", PARAMETER, YES, "N m", Range(0, 1e5),
-        "level of Coulomb friction at the motor", width=1.0),
+        "level of Coulomb friction at the motor", zero_width=1.0),
     Key(DRIVE, "friction_smoothing", PARAMETER, NO, "rad/s", Range(1e-6, 1e4),
-        "motor speed over which smooth friction changes its sign", otherwise="0.01 · ratio", exact=True),
+        "motor speed over which smooth friction changes its sign", default_text="0.01 · ratio", exact=True),
     Key(DRIVE, "flexspline_stiffness", PARAMETER, SPRING, "N m/rad", Range(1e-3, 1e10),
-        "K_f0, stiffness of the flexspline at zero torque", otherwise=GEAR, sliding="N/m"),
+        "K_f0, stiffness of the flexspline at zero torque", default_text=GEAR, prismatic_unit="N/m"),
     Key(DRIVE, "flexspline_stiffening", PARAMETER, SPRING, "1/(N m)", Range(1e-6, 100),
-        "c_f, stiffening of the flexspline; 1e-6 is as good as linear", otherwise=GEAR, sliding="1/N"),
+        "c_f, stiffening of the flexspline; 1e-6 is as good as linear", default_text=GEAR, prismatic_unit="1/N"),
     Key(DRIVE, "wave_generator_stiffness", PARAMETER, SPRING, "N m/rad", Range(1e-6, 1e10),
-        "K_w0, stiffness of the wave generator at zero torque, at the motor", otherwise=GEAR),
+        "K_w0, stiffness of the wave generator at zero torque, at the motor", default_text=GEAR),
     Key(DRIVE, "wave_generator_stiffening", PARAMETER, SPRING, "1/(N m)", Range(1e-3, 1e5),
-        "c_w, stiffening of the wave generator, at the motor", otherwise=GEAR),
+        "c_w, stiffening of the wave generator, at the motor", default_text=GEAR),
     Key(DRIVE, "K1", NUMBER, SHEET, "N m/rad", Range(1e-3, 1e10),
-        "stiffness of the gear from no torque to T1, at the joint", sliding="N/m"),
+        "stiffness of the gear from no torque to T1, at the joint", prismatic_unit="N/m"),
     Key(DRIVE, "K2", NUMBER, SHEET, "N m/rad", Range(1e-3, 1e10),
-        "the same from T1 to T2; with K1 it gives the flexspline's stiffness and stiffening", sliding="N/m"),
+        "the same from T1 to T2; with K1 it gives the flexspline's stiffness and stiffening", prismatic_unit="N/m"),
     Key(DRIVE, "K3", NUMBER, SHEET, "N m/rad", Range(1e-3, 1e10),
-        "the same above T2, where the model follows a parabola through K1 and K2", sliding="N/m"),
-    Key(DRIVE, "T1", NUMBER, SHEET, "N m", Range(1e-6, 1e8), "torque at which K1 ends", sliding="N"),
-    Key(DRIVE, "T2", NUMBER, SHEET, "N m", Range(1e-6, 1e8), "torque at which K2 ends", sliding="N"),
-    Key(DRIVE, "starting_torque", NUMBER, Need.BESIDE, "N m", Range(1e-5, 1e3),
+        "the same above T2, where the model follows a parabola through K1 and K2", prismatic_unit="N/m"),
+    Key(DRIVE, "T1", NUMBER, SHEET, "N m", Range(1e-6, 1e8), "torque at which K1 ends", prismatic_unit="N"),
+    Key(DRIVE, "T2", NUMBER, SHEET, "N m", Range(1e-6, 1e8), "torque at which K2 ends", prismatic_unit="N"),
+    Key(DRIVE, "starting_torque", NUMBER, KeyNeed.DATA_SHEET_ONLY, "N m", Range(1e-5, 1e3),
         "τ_fs, at the wave generator; with hysteresis_loss it gives the wave generator's spring",
-        otherwise="coulomb_friction"),
+        default_text="coulomb_friction"),
     Key(DRIVE, "torsional_damping", PARAMETER, FLEXIBLE, "N m s/rad", Range(0, 1e7),
-        "damping beside the springs, at the joint", 0.0, width=10.0, sliding="N s/m"),
+        "damping beside the springs, at the joint", 0.0, zero_width=10.0, prismatic_unit="N s/m"),
     Key(DRIVE, "law_torque", PARAMETER, FLEXIBLE, "N m", Range(1e-3, 1e8),
         "joint torque from which the spring law goes on along its tangent",
-        otherwise="the catalogue's momentary peak torque; where none is stated 12/c_f, at which tan() in the "
-        "flexspline's law is 12", exact=True, sliding="N"),
+        default_text="the catalogue's momentary peak torque; where none is stated 12/c_f, at which tan() in the "
+        "flexspline's law is 12", exact=True, prismatic_unit="N"),
     Key(DRIVE, "hysteresis_loss", NUMBER, FLEXIBLE, "rad", Range(0, 0.1),
-        "ψ, width of the torque–torsion loop at the joint", otherwise=f"{GEAR}, else unknown", sliding="m"),
+        "ψ, width of the torque–torsion loop at the joint", default_text=f"{GEAR}, else unknown", prismatic_unit="m"),
 
-    Key(LIMITS, "position", Kind.RANGE, NO, "rad", Range(-1e4, 1e4), "joint position", otherwise="none", sliding="m"),
-    Key(LIMITS, "speed", NUMBER, NO, "rad/s", above(0, 1e4), "joint speed", otherwise="none", sliding="m/s"),
-    Key(LIMITS, "torque", NUMBER, NO, "N m", above(0, 1e6),
+    Key(LIMITS, "position", ValueKind.RANGE, NO, "rad", Range(-1e4, 1e4), "joint position", default_text="none", prismatic_unit="m"),
+    Key(LIMITS, "speed", NUMBER, NO, "rad/s", range_above(0, 1e4), "joint speed", default_text="none", prismatic_unit="m/s"),
+    Key(LIMITS, "torque", NUMBER, NO, "N m", range_above(0, 1e6),
         "joint torque (flexspline); without torque_constant the model is meant for inputs up to it, "
         "and where it is not stated for ten times dry friction or what lifts the stretched arm swiftly, rounded",
-        otherwise="the catalogue's repeated peak torque, else none", sliding="N"),
-    Key(LIMITS, "motor_torque_rate", NUMBER, NO, "N m/s", above(0, 1e9), "change of motor torque", otherwise="none"),
+        default_text="the catalogue's repeated peak torque, else none", prismatic_unit="N"),
+    Key(LIMITS, "motor_torque_rate", NUMBER, NO, "N m/s", range_above(0, 1e9), "change of motor torque", default_text="none"),
 
     Key(SENSOR, "motor_encoder_resolution", NUMBER, NO, "rad", Range(0, 10), "0 is exact", 0.0),
-    Key(SENSOR, "joint_encoder_resolution", NUMBER, NO, "rad", Range(0, 10), "0 is exact", 0.0, sliding="m"),
+    Key(SENSOR, "joint_encoder_resolution", NUMBER, NO, "rad", Range(0, 10), "0 is exact", 0.0, prismatic_unit="m"),
     Key(SENSOR, "motor_encoder_noise", NUMBER, NO, "rad", Range(0, 10),
         "standard deviation of the angle before it is counted", 0.0),
     Key(SENSOR, "joint_encoder_noise", NUMBER, NO, "rad", Range(0, 10),
-        "standard deviation of the position before it is counted", 0.0, sliding="m"),
+        "standard deviation of the position before it is counted", 0.0, prismatic_unit="m"),
     Key(SENSOR, "current_noise", NUMBER, NO, "A", Range(0, 1e3),
         "standard deviation (N m where the input is torque)", 0.0),
-    Key(SENSOR, "torque_noise", NUMBER, NO, "N m", Range(0, 1e5), "standard deviation", 0.0, sliding="N"),
+    Key(SENSOR, "torque_noise", NUMBER, NO, "N m", Range(0, 1e5), "standard deviation", 0.0, prismatic_unit="N"),
 
     Key("effect", "name", TEXT, YES, "", ANY, "an effect that is in the model; its own parameters are further keys"),
-    Key("effect", "joint", Kind.WHOLE, YES, "", Range(0, MAX_JOINTS), "joint number from 1; 0 for the arm as a whole"),
+    Key("effect", "joint", ValueKind.WHOLE, YES, "", Range(0, MAX_JOINTS), "joint number from 1; 0 for the arm as a whole"),
 )
 # fmt: on
 
 
-def keys(table: str) -> dict[str, Key]:
+def keys_of(table: str) -> dict[str, Key]:
     """Find the keys of one table.
 
     Args:
@@ -207,7 +207,7 @@ def keys(table: str) -> dict[str, Key]:
     return {key.name: key for key in TABLE if key.table == table}
 
 
-def unit(key: Key, kind: str) -> str:
+def unit_at(key: Key, kind: str) -> str:
     """Find the unit of a key at a joint.
 
     Args:
@@ -219,11 +219,11 @@ def unit(key: Key, kind: str) -> str:
 
     """
     if kind == "prismatic":
-        return key.sliding or key.unit
+        return key.prismatic_unit or key.unit
     return key.unit
 
 
-def span(key: Key) -> str:
+def describe_range(key: Key) -> str:
     """Write the range of a key in words, with its unit.
 
     Args:
@@ -236,12 +236,12 @@ def span(key: Key) -> str:
     if key.range == ANY:
         return ""
     words = [f"from {key.range.low:g} to {key.range.high:g}"]
-    if key.range.above:
+    if key.range.excludes_low:
         words = [f"above {key.range.low:g}, up to {key.range.high:g}"]
     if key.unit not in ("", "1"):
         words.append(key.unit)
-    if key.sliding:
-        words.append(f"({key.sliding} at a prismatic joint)")
+    if key.prismatic_unit:
+        words.append(f"({key.prismatic_unit} at a prismatic joint)")
     return " ".join(words)
 
 
@@ -263,36 +263,46 @@ follow from them as from the catalogue's.
 """
 
 
-def document() -> str:
+def write_document() -> str:
     """Write docs/robot.md, the table of keys as Markdown.
 
     Returns:
         The text.
 
     """
-    parts = [INTRODUCTION.format(joints=MAX_JOINTS, presets=_quoted(presets()), gears=_quoted(CATALOGUE))]
+    parts = [
+        INTRODUCTION.format(joints=MAX_JOINTS, presets=_quote_names(find_presets()), gears=_quote_names(CATALOGUE))
+    ]
     for table, title in TITLES.items():
         heading = f"`{title}`" if table else title
         parts.append(f"\n## {heading}\n")
         parts.append(
             "| key | written as | unit | range | required | default | meaning |\n|---|---|---|---|---|---|---|"
         )
-        parts += [_row(key) for key in keys(table).values()]
+        parts += [_document_row(key) for key in keys_of(table).values()]
     return "\n".join(parts) + "\n"
 
 
-def _quoted(names: Iterable[str]) -> str:
+def _quote_names(names: Iterable[str]) -> str:
     return ", ".join(f"`{name}`" for name in names)
 
 
-def _row(key: Key) -> str:
-    cells = (f"`{key.name}`", _written(key), _units(key), _possible(key), key.need.value, _default(key), key.meaning)
+def _document_row(key: Key) -> str:
+    cells = (
+        f"`{key.name}`",
+        _written_form(key),
+        _unit_text(key),
+        _possible_values(key),
+        key.need.value,
+        _default_text(key),
+        key.meaning,
+    )
     return f"| {' | '.join(cells)} |"
 
 
-def _written(key: Key) -> str:
+def _written_form(key: Key) -> str:
     """How the value is written, with a mark where it may have a tolerance of its own."""
-    marked = {Kind.PARAMETER: "number", Kind.PARAMETERS: "[number, number]"}.get(key.kind)
+    marked = {ValueKind.PARAMETER: "number", ValueKind.PARAMETERS: "[number, number]"}.get(key.kind)
     if marked is None:
         return key.kind.value
     if key.exact:
@@ -300,29 +310,29 @@ def _written(key: Key) -> str:
     return f"{marked} ±"
 
 
-def _units(key: Key) -> str:
-    if key.sliding:
-        return f"{key.unit} ({key.sliding})"
+def _unit_text(key: Key) -> str:
+    if key.prismatic_unit:
+        return f"{key.unit} ({key.prismatic_unit})"
     return key.unit
 
 
-def _possible(key: Key) -> str:
+def _possible_values(key: Key) -> str:
     """The choices, or the range."""
     if key.choices:
         return " or ".join(f"`{choice}`" for choice in key.choices)
     if key.range == ANY:
         return ""
     bounds = f"{key.range.low:g} … {key.range.high:g}"
-    if key.range.above:
+    if key.range.excludes_low:
         return f"above {bounds}"
     return bounds
 
 
-def _default(key: Key) -> str:
-    if key.otherwise or key.default is None:
-        return key.otherwise
+def _default_text(key: Key) -> str:
+    if key.default_text or key.default is None:
+        return key.default_text
     return f"{key.default}".lower()
 
 
 if __name__ == "__main__":
-    print(document(), end="")
+    print(write_document(), end="")

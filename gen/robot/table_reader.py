@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from gen.robot.schema import SUBTABLES, TABLE, TITLES, Key, Need, keys, span
-from gen.robot.value_reader import Unfit, named, nearest, read, shown
+from gen.robot.schema import SUBTABLES, TABLE, TITLES, Key, KeyNeed, describe_range, keys_of
+from gen.robot.value_reader import InvalidValueError, quote_key, read_entry, show_value, suggest_nearest
 
-MOST = 100  # problems that are listed
+MOST_PROBLEMS = 100  # problems that are listed
 
 
-def path(place: str, name: str) -> str:
+def key_path(place: str, name: str) -> str:
     """Write the full name of a key, as in joint[2].drive.ratio.
 
     Args:
@@ -24,19 +24,19 @@ def path(place: str, name: str) -> str:
 
     """
     if not place:
-        return named(name)
-    return f"{place}.{named(name)}"
+        return quote_key(name)
+    return f"{place}.{quote_key(name)}"
 
 
-class Reading:
+class RobotFileReader:
     """The problems found so far in the file called ``label``, and the tolerance that its plain numbers have."""
 
     def __init__(self, label: str) -> None:
         self.label = label
-        self.tolerance: float = keys("")["tolerance"].default
+        self.tolerance: float = keys_of("")["tolerance"].default
         self.problems: list[str] = []
 
-    def add(self, place: str, sentence: str) -> None:
+    def add_problem(self, place: str, sentence: str) -> None:
         """Add a problem; beyond MOST one sentence says that there are more.
 
         Args:
@@ -44,16 +44,16 @@ class Reading:
             sentence: The problem, without a full stop.
 
         """
-        if len(self.problems) < MOST:
+        if len(self.problems) < MOST_PROBLEMS:
             where = ", ".join(part for part in (self.label, place) if part)
             self.problems.append(f"{where}: {sentence}.")
-        elif len(self.problems) == MOST:
-            self.problems.append(f"{self.label}: found more than {MOST} problems; correct these first.")
+        elif len(self.problems) == MOST_PROBLEMS:
+            self.problems.append(f"{self.label}: found more than {MOST_PROBLEMS} problems; correct these first.")
 
-    def table(self, raw: Any, table: str, place: str) -> dict[str, Any]:
+    def read_table(self, raw: Any, table: str, place: str) -> dict[str, Any]:
         """Read one table; values that do not fit are added as problems.
 
-        Keys that depend on others are the caller's to check (`Need`).
+        Keys that depend on others are the caller's to check (`KeyNeed`).
 
         Args:
             raw: The table as parsed.
@@ -65,21 +65,23 @@ class Reading:
 
         """
         if not isinstance(raw, Mapping):
-            self.add(place, f"found {shown(raw)}, possible is a table; write {TITLES[table]} and its keys below")
+            self.add_problem(
+                place, f"found {show_value(raw)}, possible is a table; write {TITLES[table]} and its keys below"
+            )
             return {}
-        known, values = keys(table), dict[str, Any]()
+        known, values = keys_of(table), dict[str, Any]()
         for name, key in known.items():
             if name in raw or key.default is not None:
-                self.value(key, raw.get(name, key.default), place, values)
-            elif key.need is Need.YES:
-                self.missing(key, place)
+                self.read_value(key, raw.get(name, key.default), place, values)
+            elif key.need is KeyNeed.YES:
+                self.add_missing(key, place)
         inner = SUBTABLES.get(table, ())
         for name in raw:
             if name not in known and name not in inner:
-                self.unknown(name, place, (*known, *inner))
+                self.add_unknown(name, place, (*known, *inner))
         return values
 
-    def value(self, key: Key, entry: Any, place: str, values: dict[str, Any]) -> None:
+    def read_value(self, key: Key, entry: Any, place: str, values: dict[str, Any]) -> None:
         """Read one value, or add the reason why it does not fit.
 
         Args:
@@ -90,11 +92,11 @@ class Reading:
 
         """
         try:
-            values[key.name] = read(key, entry, self.tolerance)
-        except Unfit as problem:
-            self.add(path(place, key.name), str(problem))
+            values[key.name] = read_entry(key, entry, self.tolerance)
+        except InvalidValueError as problem:
+            self.add_problem(key_path(place, key.name), str(problem))
 
-    def missing(self, key: Key, place: str) -> None:
+    def add_missing(self, key: Key, place: str) -> None:
         """Add that a key is missing.
 
         Args:
@@ -102,10 +104,10 @@ class Reading:
             place: Full name of the table.
 
         """
-        fits = " ".join(part for part in (key.kind.value, span(key)) if part)
-        self.add(path(place, key.name), f"found nothing, required is {fits}; add it ({key.meaning})")
+        fits = " ".join(part for part in (key.kind.value, describe_range(key)) if part)
+        self.add_problem(key_path(place, key.name), f"found nothing, required is {fits}; add it ({key.meaning})")
 
-    def unknown(self, name: str, place: str, possible: Iterable[str]) -> None:
+    def add_unknown(self, name: str, place: str, possible: Iterable[str]) -> None:
         """Add that a key does not belong here.
 
         Args:
@@ -115,12 +117,12 @@ class Reading:
 
         """
         homes = [TITLES[key.table] for key in TABLE if key.name == name]
-        hint = f"correct or remove it{self.hint(name, possible)}"
+        hint = f"correct or remove it{self.suggest(name, possible)}"
         if homes:
             hint = f"move it to {homes[0]}"
-        self.add(path(place, name), f"found an unknown key, possible are {', '.join(possible)}; {hint}")
+        self.add_problem(key_path(place, name), f"found an unknown key, possible are {', '.join(possible)}; {hint}")
 
-    def hint(self, word: str, possible: Iterable[str]) -> str:
+    def suggest(self, word: str, possible: Iterable[str]) -> str:
         """Suggest the most similar of the possible words, unless the list of problems is full.
 
         Args:
@@ -131,6 +133,6 @@ class Reading:
             The end of a sentence; empty where none is similar.
 
         """
-        if len(self.problems) < MOST:
-            return nearest(word, possible)
+        if len(self.problems) < MOST_PROBLEMS:
+            return suggest_nearest(word, possible)
         return ""

@@ -11,14 +11,19 @@ from __future__ import annotations
 import math
 
 from gen.robot.description import Robot
-from gen.robot.schema import keys
+from gen.robot.schema import keys_of
 
-POSITION, VELOCITY = 3.0, 10.0  # rad or m, and the same a second: motion of a joint for which a model is meant
-CURRENT = 10.0  # A, where the file states no largest one
-LOSSES = 10.0  # times τ_c: least of the largest input where the file states no limit
-NOTHING = 1.0  # N m, where there is nothing to move
-SWIFTLY = 2.0  # rad/s² or m/s²: acceleration of the stretched arm, beside gravity, that the largest input reaches
-FRICTION = 0.05  # τ_c where the file has none, as a share of the largest torque
+MEANT_POSITION, MEANT_VELOCITY = (
+    3.0,
+    10.0,
+)  # rad or m, and the same a second: motion of a joint for which a model is meant
+DEFAULT_CURRENT = 10.0  # A, where the file states no largest one
+LEAST_INPUT_OVER_FRICTION = 10.0  # times τ_c: least of the largest input where the file states no limit
+LEAST_INPUT_TORQUE = 1.0  # N m, where there is nothing to move
+SWIFT_ACCELERATION = (
+    2.0  # rad/s² or m/s²: acceleration of the stretched arm, beside gravity, that the largest input reaches
+)
+USUAL_FRICTION_SHARE = 0.05  # τ_c where the file has none, as a share of the largest torque
 
 
 def largest_input(robot: Robot, j: int) -> float:
@@ -34,13 +39,15 @@ def largest_input(robot: Robot, j: int) -> float:
     """
     d, limit = robot.joints[j - 1].drive, robot.joints[j - 1].limits.torque
     if d.torque_constant is not None:
-        return d.max_current or CURRENT
+        return d.max_current or DEFAULT_CURRENT
     if limit:
         return limit / d.ratio.nominal
-    return _round(max(LOSSES * d.coulomb_friction.nominal, lifting(robot, j)) or NOTHING)
+    return _round_to_1_2_5(
+        max(LEAST_INPUT_OVER_FRICTION * d.coulomb_friction.nominal, lifting_torque(robot, j)) or LEAST_INPUT_TORQUE
+    )
 
 
-def usual(robot: Robot, j: int, key: str) -> float:
+def usual_size(robot: Robot, j: int, key: str) -> float:
     """Find the usual size of a key of a joint's drive.
 
     Args:
@@ -62,19 +69,19 @@ def usual(robot: Robot, j: int, key: str) -> float:
         constant = 1.0
         if drive.torque_constant is not None:
             constant = drive.torque_constant.nominal
-        return FRICTION * abs(constant) * largest_input(robot, j)
+        return USUAL_FRICTION_SHARE * abs(constant) * largest_input(robot, j)
     if key == "viscous_friction":  # at the largest speed as large as dry friction
-        return usual(robot, j, "coulomb_friction") / (VELOCITY * drive.ratio.nominal)
-    return keys("joint.drive")[key].width
+        return usual_size(robot, j, "coulomb_friction") / (MEANT_VELOCITY * drive.ratio.nominal)
+    return keys_of("joint.drive")[key].zero_width
 
 
-def _round(size: float) -> float:
+def _round_to_1_2_5(size: float) -> float:
     """The nearest of …, 1, 2, 5, 10, …: new estimates of a file's masses leave the meant motions as they are."""
     tens = 10.0 ** math.floor(math.log10(size))
     return min((tens * step for step in (1.0, 2.0, 5.0, 10.0)), key=lambda one: abs(math.log(one / size)))
 
 
-def lifting(robot: Robot, j: int) -> float:
+def lifting_torque(robot: Robot, j: int) -> float:
     """Find the torque that lifts the stretched, level arm and accelerates it by SWIFTLY.
 
     Args:
@@ -95,4 +102,4 @@ def lifting(robot: Robot, j: int) -> float:
         weight += joint.mass.nominal * g * arm
         inertia += joint.mass.nominal * arm**2 + own_inertia
         reach += joint.length.nominal
-    return (weight + SWIFTLY * inertia) / drive.ratio.nominal
+    return (weight + SWIFT_ACCELERATION * inertia) / drive.ratio.nominal

@@ -10,14 +10,14 @@ from collections.abc import Iterable
 from typing import Any
 
 from gen.robot.description import Value
-from gen.robot.schema import Key, Kind, keys, span
+from gen.robot.schema import Key, ValueKind, describe_range, keys_of
 
 
-class Unfit(ValueError):
+class InvalidValueError(ValueError):
     """A value that its key does not allow; the text names the value found, the values possible, and the cure."""
 
 
-def read(key: Key, raw: Any, tolerance: float) -> Any:
+def read_entry(key: Key, raw: Any, tolerance: float) -> Any:
     """Check a value of the file against its key.
 
     Args:
@@ -33,70 +33,82 @@ def read(key: Key, raw: Any, tolerance: float) -> Any:
 
     """
     match key.kind:
-        case Kind.PARAMETER:
-            return _parameter(key, raw, tolerance)
-        case Kind.PARAMETERS:
-            first, second = _two(key, raw)
-            return _parameter(key, first, tolerance), _parameter(key, second, tolerance)
-        case Kind.NUMBER:
-            return _number(key, raw)
-        case Kind.RANGE:
-            low, high = (_number(key, end) for end in _two(key, raw))
+        case ValueKind.PARAMETER:
+            return _read_parameter(key, raw, tolerance)
+        case ValueKind.PARAMETERS:
+            first, second = _read_pair(key, raw)
+            return _read_parameter(key, first, tolerance), _read_parameter(key, second, tolerance)
+        case ValueKind.NUMBER:
+            return _read_number(key, raw)
+        case ValueKind.RANGE:
+            low, high = (_read_number(key, end) for end in _read_pair(key, raw))
             if low >= high:
-                raise Unfit(f"found [{low:g}, {high:g}], possible is a low end below the high end; correct them")
+                raise InvalidValueError(
+                    f"found [{low:g}, {high:g}], possible is a low end below the high end; correct them"
+                )
             return low, high
-        case Kind.WHOLE:
+        case ValueKind.WHOLE:
             if isinstance(raw, bool) or not isinstance(raw, int) or raw not in key.range:
-                raise Unfit(f"found {shown(raw)}, possible is a whole number {span(key)}; correct it")
+                raise InvalidValueError(
+                    f"found {show_value(raw)}, possible is a whole number {describe_range(key)}; correct it"
+                )
             return raw
-        case Kind.FLAG:
+        case ValueKind.FLAG:
             if not isinstance(raw, bool):
-                raise Unfit(f"found {shown(raw)}, possible is true or false; write it without quotes")
+                raise InvalidValueError(f"found {show_value(raw)}, possible is true or false; write it without quotes")
             return raw
-        case Kind.TEXT:
-            return _text(key, raw)
+        case ValueKind.TEXT:
+            return _read_text(key, raw)
 
 
-def _parameter(key: Key, raw: Any, tolerance: float) -> Value:
+def _read_parameter(key: Key, raw: Any, tolerance: float) -> Value:
     if not isinstance(raw, dict):
         if key.exact:
             tolerance = 0.0
-        return Value(_number(key, raw), tolerance)
+        return Value(_read_number(key, raw), tolerance)
     if set(raw) != {"value", "tolerance"}:
-        raise Unfit(f"found {shown(raw)}, possible is {{value, tolerance}} with both and nothing else; correct it")
-    return Value(_number(key, raw["value"]), _number(keys("")["tolerance"], raw["tolerance"]))
+        raise InvalidValueError(
+            f"found {show_value(raw)}, possible is {{value, tolerance}} with both and nothing else; correct it"
+        )
+    return Value(_read_number(key, raw["value"]), _read_number(keys_of("")["tolerance"], raw["tolerance"]))
 
 
-def _number(key: Key, raw: Any) -> float:
+def _read_number(key: Key, raw: Any) -> float:
     if isinstance(raw, bool) or not isinstance(raw, int | float):
-        raise Unfit(f"found {shown(raw)}, possible is a number {span(key)}; write a number without quotes")
+        raise InvalidValueError(
+            f"found {show_value(raw)}, possible is a number {describe_range(key)}; write a number without quotes"
+        )
     try:
         number = float(raw)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number) or number not in key.range:
-        raise Unfit(f"found {shown(raw)}, possible is a number {span(key)}; correct it")
+        raise InvalidValueError(f"found {show_value(raw)}, possible is a number {describe_range(key)}; correct it")
     return number
 
 
-def _two(key: Key, raw: Any) -> list[Any]:
+def _read_pair(key: Key, raw: Any) -> list[Any]:
     if not isinstance(raw, list) or len(raw) != 2:
-        raise Unfit(f"found {shown(raw)}, possible is a list of two numbers {span(key)}; write two in brackets")
+        raise InvalidValueError(
+            f"found {show_value(raw)}, possible is a list of two numbers {describe_range(key)}; write two in brackets"
+        )
     return raw
 
 
-def _text(key: Key, raw: Any) -> str:
+def _read_text(key: Key, raw: Any) -> str:
     if not isinstance(raw, str):
-        raise Unfit(f"found {shown(raw)}, possible is text in quotes; correct it")
+        raise InvalidValueError(f"found {show_value(raw)}, possible is text in quotes; correct it")
     if key.choices and raw not in key.choices:
         choices = " or ".join(json.dumps(choice) for choice in key.choices)
-        if key.otherwise_do:
-            raise Unfit(f"found {shown(raw)}, which is not among {choices}; {key.otherwise_do}")
-        raise Unfit(f"found {shown(raw)}, possible is {choices}; choose one{nearest(raw, key.choices)}")
+        if key.advice:
+            raise InvalidValueError(f"found {show_value(raw)}, which is not among {choices}; {key.advice}")
+        raise InvalidValueError(
+            f"found {show_value(raw)}, possible is {choices}; choose one{suggest_nearest(raw, key.choices)}"
+        )
     return raw
 
 
-def shown(value: Any) -> str:
+def show_value(value: Any) -> str:
     """Write a value of the file so that a sentence can hold it.
 
     Args:
@@ -109,17 +121,17 @@ def shown(value: Any) -> str:
     if value == {}:
         return "an empty table"
     if isinstance(value, dict):
-        return _short("a table with " + ", ".join(named(key) for key in value))
+        return _cut_short("a table with " + ", ".join(quote_key(key) for key in value))
     if isinstance(value, bool | str):
-        return _short(json.dumps(value))
+        return _cut_short(json.dumps(value))
     if isinstance(value, list):
         return f"a list of {len(value)}"
     if isinstance(value, int) and value.bit_length() > 64:  # printing it may be refused
         return f"a whole number of {value.bit_length()} bits"
-    return _short(str(value))
+    return _cut_short(str(value))
 
 
-def escaped(text: str) -> str:
+def escape_control_characters(text: str) -> str:
     """Put an escape in place of each character that a terminal obeys; a tab becomes spaces.
 
     Args:
@@ -129,16 +141,16 @@ def escaped(text: str) -> str:
         Printable text.
 
     """
-    return "".join(map(_escape, text.expandtabs()))
+    return "".join(map(_escape_character, text.expandtabs()))
 
 
-def _escape(character: str) -> str:
+def _escape_character(character: str) -> str:
     if character.isprintable():
         return character
     return character.encode("unicode_escape").decode("ascii")
 
 
-def named(key: str) -> str:
+def quote_key(key: str) -> str:
     """Write a key of the file so that a sentence can hold it.
 
     Args:
@@ -150,10 +162,10 @@ def named(key: str) -> str:
     """
     if re.fullmatch(r"[A-Za-z0-9_-]{1,48}", key):
         return key
-    return _short(json.dumps(key))
+    return _cut_short(json.dumps(key))
 
 
-def nearest(word: str, possible: Iterable[str]) -> str:
+def suggest_nearest(word: str, possible: Iterable[str]) -> str:
     """Find the most similar of the possible words.
 
     Args:
@@ -170,7 +182,7 @@ def nearest(word: str, possible: Iterable[str]) -> str:
     return ""
 
 
-def _short(text: str) -> str:
+def _cut_short(text: str) -> str:
     """The text, cut to 64 characters."""
     if len(text) <= 64:
         return text

@@ -9,9 +9,9 @@ from typing import Any
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.support.input_file import InputFileError, read_json
-from hdagen.support.messages import printable, shown, shown_path
+from hdagen.support.messages import make_printable, show_path, show_value
 
-LARGEST = 10_000_000  # bytes of a file
+MOST_DIAGNOSIS_BYTES = 10_000_000  # bytes of a file
 
 
 def read_content(path: Path) -> Mapping[str, Any]:
@@ -28,15 +28,15 @@ def read_content(path: Path) -> Mapping[str, Any]:
 
     """
     try:
-        content = read_json(path, LARGEST, "name a diagnosis.json that hdagen diagnose wrote")
+        content = read_json(path, MOST_DIAGNOSIS_BYTES, "name a diagnosis.json that hdagen diagnose wrote")
     except InputFileError as error:
         raise PlantError(error) from None
     if not isinstance(content, dict):
         raise PlantError(
-            f"{shown_path(path)}: found {shown(content)}, possible is a JSON object; name a diagnosis.json."
+            f"{show_path(path)}: found {show_value(content)}, possible is a JSON object; name a diagnosis.json."
         )
     if (where := next(find_infinite(content), None)) is not None:
-        raise PlantError(f"{shown_path(path)}{printable(where):.200}")
+        raise PlantError(f"{show_path(path)}{make_printable(where):.200}")
     return content
 
 
@@ -58,7 +58,7 @@ def find_infinite(content: Mapping[str, Any]) -> Iterator[str]:
         elif isinstance(value, list):
             left += [(f"{where}[{k}]", entry) for k, entry in enumerate(value)]
         elif isinstance(value, int | float) and not is_finite(value):
-            yield f"{where}: found {shown(value)}, possible is a finite number; diagnose again."
+            yield f"{where}: found {show_value(value)}, possible is a finite number; diagnose again."
 
 
 def is_finite(value: float) -> bool:

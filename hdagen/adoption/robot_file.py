@@ -17,9 +17,9 @@ from tomlkit.items import AoT, InlineTable, Table
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 
-_BOM = b"\xef\xbb\xbf"
-_SHEET = ("K1", "K2", "K3", "T1", "T2", "starting_torque")  # of a data sheet, in place of `catalogue`
-_GEAR = (  # what either stands for
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_DATA_SHEET_KEYS = ("K1", "K2", "K3", "T1", "T2", "starting_torque")  # of a data sheet, in place of `catalogue`
+_GEAR_KEYS = (  # what either stands for
     "ratio",
     "flexspline_stiffness",
     "flexspline_stiffening",
@@ -28,13 +28,13 @@ _GEAR = (  # what either stands for
     "law_torque",
     "hysteresis_loss",
 )
-SPRINGS = (*_GEAR[1:6], "torsional_damping")  # what a drive with springs has and a rigid one has not
-_FOLLOWS = {"law_torque": "flexspline_stiffening", "friction_smoothing": "ratio"}  # defaults made from another key
-_LUMPED = ("mass", "center_of_mass", "inertia")
+SPRING_KEYS = (*_GEAR_KEYS[1:6], "torsional_damping")  # what a drive with springs has and a rigid one has not
+_LEADING_KEYS = {"law_torque": "flexspline_stiffening", "friction_smoothing": "ratio"}  # defaults made from another key
+_LUMPED_KEYS = ("mass", "center_of_mass", "inertia")
 
 
 @dataclass(frozen=True)
-class Place:
+class NumberPlace:
     """Where a number stands: ``table`` is top, gravity, joint, drive, or the name of an effect; joint 0 is the whole
     arm."""
 
@@ -60,9 +60,9 @@ class RobotFile:
     def __init__(self, raw: bytes, arm: Arm) -> None:
         self._robot, self._quantities = arm.robot, {q["name"]: q for q in arm.manifest["parameters"]}
         self._bom, self._lines = b"", "\n"
-        if raw.startswith(_BOM):
-            self._bom = _BOM
-        text = raw.removeprefix(_BOM).decode("utf-8")
+        if raw.startswith(_BYTE_ORDER_MARK):
+            self._bom = _BYTE_ORDER_MARK
+        text = raw.removeprefix(_BYTE_ORDER_MARK).decode("utf-8")
         if "\r\n" in text:
             self._lines = "\r\n"
         text = text.replace("\r\n", "\n")
@@ -73,7 +73,7 @@ class RobotFile:
         except TOMLKitError as error:
             raise PlantError(f"{arm.robot['name']}: the robot file cannot be changed in place ({error}).") from None
 
-    def text(self) -> bytes:
+    def to_bytes(self) -> bytes:
         """Write the file as it is now.
 
         Returns:
@@ -82,7 +82,7 @@ class RobotFile:
         """
         return self._bom + tomlkit.dumps(self._document).replace("\n", self._lines).encode("utf-8")
 
-    def place(self, name: str, effect: str | None = None) -> Place:
+    def locate_parameter(self, name: str, effect: str | None = None) -> NumberPlace:
         """Find the place of a parameter in the file, or the place that it would have.
 
         Args:
@@ -100,18 +100,18 @@ class RobotFile:
         if joint:
             key = name.removesuffix(f"_{joint}")
         if key in ("gravity_x", "gravity_y") and not joint:
-            return Place("gravity", 0, "01"["xy".index(key[-1])])
+            return NumberPlace("gravity", 0, "01"["xy".index(key[-1])])
         if joint and key in self._robot["joints"][joint - 1]["drive"]:
-            return Place("drive", joint, key)
+            return NumberPlace("drive", joint, key)
         if joint and key in self._robot["joints"][joint - 1]:
-            return Place("joint", joint, key)
+            return NumberPlace("joint", joint, key)
         stated = (e["name"] for e in self._robot["effects"] if e["joint"] == joint and key in e["parameters"])
         owner = next(stated, None) or self._quantities[name].get("effect") or effect
         if owner is None:
             raise PlantError(f"{name} belongs to no key and no effect of the robot file; diagnose again.")
-        return Place(owner, joint, key)
+        return NumberPlace(owner, joint, key)
 
-    def holds(self, place: Place) -> bool:
+    def states_number(self, place: NumberPlace) -> bool:
         """Tell whether the file as it was read states a number, in writing or by a default.
 
         Args:
@@ -124,7 +124,7 @@ class RobotFile:
         stated = ((effect["name"], effect["joint"]) for effect in self._robot["effects"])
         return place.table in ("top", "gravity", "joint", "drive") or (place.table, place.joint) in stated
 
-    def put(self, place: Place, value: float, unit: str = "", share: float = 0.0) -> None:
+    def set_number(self, place: NumberPlace, value: float, unit: str = "", share: float = 0.0) -> None:
         """Change or add a number.
 
         Args:
@@ -137,20 +137,20 @@ class RobotFile:
         """
         if place.table == "gravity":
             entry = self._document["gravity"]
-            _set(entry, int(place.key), value)
+            _set_in_table(entry, int(place.key), value)
         elif place.table == "top":
-            self._put_on_top(place.key, value, unit)
+            self._set_top_key(place.key, value, unit)
         elif place.table in ("joint", "drive"):
-            self._put_key(place, value, unit)
+            self._set_joint_key(place, value, unit)
         else:
-            table, tolerance = self._effect(place), 0.0
+            table, tolerance = self._find_effect_table(place), 0.0
             if table is None:
-                table = self._added(place)
+                table = self._add_effect_table(place)
             if share > self._robot["tolerance"]:
                 tolerance = min(share, 10.0)
-            _set(table, place.key, value, unit, tolerance)
+            _set_in_table(table, place.key, value, unit, tolerance)
 
-    def drop_idle(self) -> None:
+    def drop_zero_effects(self) -> None:
         """Take out the effects whose amplitudes are all 0: what is left computes the same, with less."""
         acting = {
             (q["effect"], q["joint"])
@@ -162,7 +162,7 @@ class RobotFile:
             if (effects[k]["name"], effects[k]["joint"]) not in acting:
                 del effects[k]
 
-    def settle(self, wanted: Arm) -> None:
+    def update_dependent_numbers(self, wanted: Arm) -> None:
         """Update the numbers that depend on changed ones: lumped inertias, and defaults that follow a changed key.
 
         Args:
@@ -170,73 +170,73 @@ class RobotFile:
 
         """
         for joint, stated in enumerate(self._robot["joints"], 1):
-            table, drive = self._joint(joint), self._joint(joint)["drive"]
+            table, drive = self._find_joint_table(joint), self._find_joint_table(joint)["drive"]
             changed = {
                 name
                 for name, q in self._quantities.items()
                 if q["joint"] == joint and wanted.parameters[name] != q["nominal"]
             }
-            if "inertia_about_joint" in table and changed & {f"{key}_{joint}" for key in _LUMPED}:
-                mass, center, inertia = (wanted.parameters[f"{key}_{joint}"] for key in _LUMPED)
-                _set(table, "inertia_about_joint", inertia + mass * center**2)
+            if "inertia_about_joint" in table and changed & {f"{key}_{joint}" for key in _LUMPED_KEYS}:
+                mass, center, inertia = (wanted.parameters[f"{key}_{joint}"] for key in _LUMPED_KEYS)
+                _set_in_table(table, "inertia_about_joint", inertia + mass * center**2)
             if f"coulomb_friction_{joint}" in changed and "K1" in drive and "starting_torque" not in drive:
-                _set(drive, "starting_torque", self._quantities[f"coulomb_friction_{joint}"]["nominal"], "N m")
-            for key, leader in _FOLLOWS.items():
+                _set_in_table(drive, "starting_torque", self._quantities[f"coulomb_friction_{joint}"]["nominal"], "N m")
+            for key, leader in _LEADING_KEYS.items():
                 if f"{leader}_{joint}" in changed and key not in drive and stated["drive"][key] is not None:
-                    _set(drive, key, wanted.parameters[f"{key}_{joint}"])
+                    _set_in_table(drive, key, wanted.parameters[f"{key}_{joint}"])
 
-    def _put_on_top(self, key: str, value: float, unit: str) -> None:
+    def _set_top_key(self, key: str, value: float, unit: str) -> None:
         """A key of the file's own; a new one stands behind its gravity, before the comments of the first table."""
         if key in self._document:
-            _set(self._document, key, value)
+            _set_in_table(self._document, key, value)
         else:
             item = tomlkit.item(value)
             item.comment(unit)
             self._document._insert_after("gravity", key, item)  # it would go behind those comments by itself
 
-    def _put_key(self, place: Place, value: float, unit: str) -> None:
-        table = self._joint(place.joint)
+    def _set_joint_key(self, place: NumberPlace, value: float, unit: str) -> None:
+        table = self._find_joint_table(place.joint)
         if place.table == "joint":
             if place.key != "inertia" or "inertia_about_joint" not in table:  # the lumped one is settled at the end
-                _set(table, place.key, value, unit)
+                _set_in_table(table, place.key, value, unit)
             return
-        if place.key in _GEAR and table["drive"].keys() & {"catalogue", *_SHEET}:
-            self._spell_out(place.joint)
-        _set(table["drive"], place.key, value, unit)
+        if place.key in _GEAR_KEYS and table["drive"].keys() & {"catalogue", *_DATA_SHEET_KEYS}:
+            self._replace_gear_by_springs(place.joint)
+        _set_in_table(table["drive"], place.key, value, unit)
 
-    def _spell_out(self, joint: int) -> None:
+    def _replace_gear_by_springs(self, joint: int) -> None:
         """The springs themselves in place of `catalogue` or of a data sheet: a gear that differs is no longer that."""
-        table = self._joint(joint)
+        table = self._find_joint_table(joint)
         drive, stated = table["drive"], self._robot["joints"][joint - 1]
-        gear = {key: drive.pop(key) for key in ("catalogue", *_SHEET) if key in drive}
+        gear = {key: drive.pop(key) for key in ("catalogue", *_DATA_SHEET_KEYS) if key in drive}
         if isinstance(drive, Table):
             began = ", ".join(f"{key} = {value}" for key, value in gear.items())
             if "catalogue" in gear:
                 began = f"{gear['catalogue']} of the catalogue"
             drive.add(tomlkit.comment(f"began as {began}"))
-        for key in _GEAR:
+        for key in _GEAR_KEYS:
             if key not in drive and stated["drive"][key] is not None:
                 value = stated["drive"][key]
                 if isinstance(value, Mapping):
                     value = value["nominal"]
-                _set(drive, key, value)
+                _set_in_table(drive, key, value)
         if stated["limits"]["torque"] is not None:
             limits: Any = tomlkit.inline_table()
             if isinstance(table, Table):
                 limits = tomlkit.table()
             table.setdefault("limits", limits).setdefault("torque", stated["limits"]["torque"])
 
-    def _joint(self, joint: int) -> Any:
+    def _find_joint_table(self, joint: int) -> Any:
         return self._document["joint"][joint - 1]
 
-    def _effect(self, place: Place) -> Any:
+    def _find_effect_table(self, place: NumberPlace) -> Any:
         """The [[effect]] table of a place, None where the file has none."""
         for table in self._document.get("effect", ()):
             if table["name"] == place.table and table["joint"] == place.joint:
                 return table
         return None
 
-    def _added(self, place: Place) -> Any:
+    def _add_effect_table(self, place: NumberPlace) -> Any:
         """A new [[effect]] table at the end of the file, or a new entry where the effects are written in a list."""
         if "effect" not in self._document:
             self._document.add(tomlkit.nl())
@@ -250,7 +250,9 @@ class RobotFile:
         return effects[-1]
 
 
-def _set(table: MutableMapping[Any, Any], key: Any, value: float, unit: str = "", tolerance: float = 0.0) -> None:
+def _set_in_table(
+    table: MutableMapping[Any, Any], key: Any, value: float, unit: str = "", tolerance: float = 0.0
+) -> None:
     """Set a number in its own form; a new one with its unit as a comment, and its tolerance if it has one."""
     present = isinstance(key, int) or key in table
     if present and isinstance(table[key], Mapping):

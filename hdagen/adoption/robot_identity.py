@@ -13,12 +13,12 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-DIGITS = 10  # significant digits that count: a lumped inertia goes through a sum and a difference
-_LINK = ("kind", "length", "mass", "center_of_mass", "inertia", "drive")
-_INTEGRATION = ("friction_smoothing",)  # keys of a drive that belong to the integration
+SIGNIFICANT_DIGITS = 10  # significant digits that count: a lumped inertia goes through a sum and a difference
+_LINK_KEYS = ("kind", "length", "mass", "center_of_mass", "inertia", "drive")
+_INTEGRATION_KEYS = ("friction_smoothing",)  # keys of a drive that belong to the integration
 
 
-def identity(robot: Mapping[str, Any]) -> str:
+def compute_robot_identity(robot: Mapping[str, Any]) -> str:
     """Hash the numbers that a robot's equations of motion are made of.
 
     Args:
@@ -30,20 +30,21 @@ def identity(robot: Mapping[str, Any]) -> str:
     """
     joints = []
     for stated in robot["joints"]:
-        joint = {key: stated[key] for key in _LINK}
-        joint["drive"] = {key: value for key, value in joint["drive"].items() if key not in _INTEGRATION}
+        joint = {key: stated[key] for key in _LINK_KEYS}
+        joint["drive"] = {key: value for key, value in joint["drive"].items() if key not in _INTEGRATION_KEYS}
         joints.append(joint)
     effects = sorted(robot["effects"], key=lambda effect: (effect["name"], effect["joint"]))
-    meaning = _rounded({"gravity": robot["gravity"], "joints": joints, "effects": effects})
+    meaning = _round_numbers({"gravity": robot["gravity"], "joints": joints, "effects": effects})
     return hashlib.sha256(json.dumps(meaning, sort_keys=True).encode()).hexdigest()
 
 
-def _rounded(value: Any) -> Any:
-    """The same value with every number rounded to `DIGITS` digits, and without entries that are None or False."""
+def _round_numbers(value: Any) -> Any:
+    """The same value with every number rounded to `SIGNIFICANT_DIGITS` digits, and without entries that are None or
+    False."""
     if isinstance(value, Mapping):
-        return {key: _rounded(part) for key, part in value.items() if part is not None and part is not False}
+        return {key: _round_numbers(part) for key, part in value.items() if part is not None and part is not False}
     if isinstance(value, list | tuple):
-        return [_rounded(part) for part in value]
+        return [_round_numbers(part) for part in value]
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value
-    return float(f"{value:.{DIGITS - 1}e}") + 0.0
+    return float(f"{value:.{SIGNIFICANT_DIGITS - 1}e}") + 0.0

@@ -19,14 +19,14 @@ from typing import Any
 
 from hdagen.adoption import verdict
 from hdagen.adoption.diagnosis_file import read_content
-from hdagen.adoption.robot_file import SPRINGS, Place, RobotFile
-from hdagen.arm.build_loader import PlantError, mended
+from hdagen.adoption.robot_file import SPRING_KEYS, NumberPlace, RobotFile
+from hdagen.arm.build_loader import PlantError, find_stable_settings
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.support.atomic_write import write_whole
+from hdagen.support.atomic_write import write_atomically
 from hdagen.support.input_file import InputFileError, read_bytes
 
-_LARGEST = 1_000_000  # bytes of a robot file
-_ROUNDING = 1e-9  # a lumped inertia goes through a sum and a difference
+_MOST_ROBOT_BYTES = 1_000_000  # bytes of a robot file
+_INERTIA_ROUNDING = 1e-9  # a lumped inertia goes through a sum and a difference
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Adopted:
+class AdoptedRobot:
     """A robot file with a verdict in it: its ``text``, the changed numbers, notes for the reader, and the lines that
     differ from the file as it was, as `diff -u` has them."""
 
@@ -53,7 +53,7 @@ class Adopted:
 
 def adopt(
     diagnosis: str | Path, robot: str | Path, out: str | Path | None, force: bool = False, profile: str = "portable"
-) -> Adopted:
+) -> AdoptedRobot:
     """Write a robot file with the verdict of a diagnosis in it.
 
     Args:
@@ -72,29 +72,29 @@ def adopt(
 
     """
     robot = label = Path(robot)
-    raw = _read(robot)
+    raw = _read_robot_file(robot)
     if out is not None:
         label = Path(out)
-        _writable(label, force)
-    stated = verdict.read(diagnosis)
+        _check_destination(label, force)
+    stated = verdict.read_verdict(diagnosis)
     content = read_content(Path(diagnosis))
-    arm = verdict.with_effects(robot, profile, stated)
-    wanted, notes = verdict.applied(arm, stated)
+    arm = verdict.load_with_effects(robot, profile, stated)
+    wanted, notes = verdict.apply_verdict(arm, stated)
     file = RobotFile(raw, arm)
-    changes = _changes(file, arm, wanted, stated, _spreads(content))
+    changes = _apply_changes(file, arm, wanted, stated, _collect_cause_parameters(content))
     with tempfile.TemporaryDirectory() as folder:
         candidate = Path(folder) / "robot.toml"
-        candidate.write_bytes(file.text())
+        candidate.write_bytes(file.to_bytes())
         try:
-            found, further = _built(candidate, file, arm, profile)
+            found, further = _build_candidate(candidate, file, arm, profile)
         except PlantError as error:
             why = str(error).replace(str(candidate), str(label))
             raise PlantError(
                 f"{label}: no model can be built from the corrected file, and nothing was written: {why}"
             ) from None
-    _agrees(found, label, wanted)
+    _check_parameters(found, label, wanted)
     if out is not None:
-        _write(label, file.text())
+        _write_robot_file(label, file.to_bytes())
     notes = [note.replace("nothing is added for it", "nothing is adopted for it") for note in notes]
     notes += [
         f"{change.where}: {change.before:.6g} {change.unit} does not carry the corrected model, {change.after:.6g} "
@@ -103,39 +103,39 @@ def adopt(
     ]
     if not changes:
         notes.append("The diagnosis changes nothing: what is written is the robot file as it was.")
-    text = file.text().decode("utf-8-sig")
+    text = file.to_bytes().decode("utf-8-sig")
     before = raw.decode("utf-8-sig").splitlines()
     difference = difflib.unified_diff(before, text.splitlines(), str(robot), str(out or "corrected"), lineterm="")
-    return Adopted(text, (*changes, *further), tuple(notes), tuple(difference))
+    return AdoptedRobot(text, (*changes, *further), tuple(notes), tuple(difference))
 
 
-def _built(candidate: Path, file: RobotFile, arm: Arm, profile: str) -> tuple[Arm, list[Change]]:
+def _build_candidate(candidate: Path, file: RobotFile, arm: Arm, profile: str) -> tuple[Arm, list[Change]]:
     """The model of ``candidate``, which holds ``file``; and the changes to the step and the smoothing of friction that
     both need where those of ``arm`` do not carry the model. Raises PlantError."""
     try:
         return load(candidate, profile), []
     except PlantError:
-        step, widths = mended(candidate)  # raises where it is something else
+        step, widths = find_stable_settings(candidate)  # raises where it is something else
     changes = []
     smoothing = [joint["drive"]["friction_smoothing"]["nominal"] for joint in arm.robot["joints"]]
     for place, before, after, unit in (
-        (Place("top", 0, "step"), arm.step_size, step, "s"),
+        (NumberPlace("top", 0, "step"), arm.step_size, step, "s"),
         *(
-            (Place("drive", j, "friction_smoothing"), before, after, "rad/s")
+            (NumberPlace("drive", j, "friction_smoothing"), before, after, "rad/s")
             for j, (before, after) in enumerate(zip(smoothing, widths, strict=True), 1)
         ),
     ):
         if after != before:
-            file.put(place, after, unit)
+            file.set_number(place, after, unit)
             changes.append(Change(str(place), before, after, unit))
-    candidate.write_bytes(file.text())
+    candidate.write_bytes(file.to_bytes())
     return load(candidate, profile), changes
 
 
-def _write(out: Path, text: bytes) -> None:
+def _write_robot_file(out: Path, text: bytes) -> None:
     """The new file, whole or not at all. Raises PlantError."""
     try:
-        write_whole(out, text)
+        write_atomically(out, text)
     except OSError as error:
         raise PlantError(
             f"{out}: cannot be written ({error.strerror}), and what stood there is unchanged; make room or name "
@@ -143,15 +143,15 @@ def _write(out: Path, text: bytes) -> None:
         ) from None
 
 
-def _read(robot: Path) -> bytes:
+def _read_robot_file(robot: Path) -> bytes:
     """The robot file. Raises PlantError."""
     try:
-        return read_bytes(robot, _LARGEST, "name a robot.toml; of a preset, a copy of its file")
+        return read_bytes(robot, _MOST_ROBOT_BYTES, "name a robot.toml; of a preset, a copy of its file")
     except InputFileError as error:
         raise PlantError(error) from None
 
 
-def _writable(out: Path, force: bool) -> None:
+def _check_destination(out: Path, force: bool) -> None:
     """Refuse a place that is no file in a folder, or is taken."""
     if out.suffix != ".toml":
         raise PlantError(f"--out {out}: found a name ending in {out.suffix!r}, possible is .toml; name such a file.")
@@ -163,13 +163,13 @@ def _writable(out: Path, force: bool) -> None:
         raise PlantError(f"--out {out}: is there already and would be lost; name another file, or add --force.")
 
 
-def _spreads(content: Mapping[str, Any]) -> dict[tuple[str, int], Mapping[str, Any]]:
+def _collect_cause_parameters(content: Mapping[str, Any]) -> dict[tuple[str, int], Mapping[str, Any]]:
     """Parameters of each cause as the diagnosis holds them, with their standard deviations."""
     causes = content.get("causes", [])
     return {(c["effect"], c["joint"]): c.get("parameters") or {} for c in causes}  # verdict.read has checked them
 
 
-def _changes(
+def _apply_changes(
     file: RobotFile,
     arm: Arm,
     wanted: Arm,
@@ -185,18 +185,18 @@ def _changes(
             owner, entry = effect.name, spreads[effect.name, effect.joint].get(name.removesuffix(f"_{effect.joint}"))
         elif after == described.nominal:
             continue
-        place, before = file.place(name, owner), None
-        if file.holds(place):
+        place, before = file.locate_parameter(name, owner), None
+        if file.states_number(place):
             before = described.nominal
         if after == before:
             continue
-        file.put(place, after, described.unit, _share(entry, after))
+        file.set_number(place, after, described.unit, _relative_deviation(entry, after))
         changes.append(Change(str(place), before, after, described.unit))
-    file.settle(wanted)
+    file.update_dependent_numbers(wanted)
     return changes
 
 
-def _share(entry: Any, value: float) -> float:
+def _relative_deviation(entry: Any, value: float) -> float:
     """Standard deviation as a share of the value, 0 where the diagnosis gives none."""
     if not isinstance(entry, Mapping):
         return 0.0
@@ -206,14 +206,14 @@ def _share(entry: Any, value: float) -> float:
     return float(std / abs(value))
 
 
-def _agrees(found: Arm, out: Path, wanted: Arm) -> None:
+def _check_parameters(found: Arm, out: Path, wanted: Arm) -> None:
     """Compare the parameters of the new file with the wanted ones. Raises PlantError."""
-    own = {name: value for name, value in wanted.parameters.items() if not _derived(name, found)}
+    own = {name: value for name, value in wanted.parameters.items() if not _is_derived(name, found)}
     differ = [
         f"{name} is {found.parameters[name]:.9g} and should be {value:.9g}"
         for name, value in own.items()
         if name in found.parameters
-        and not math.isclose(found.parameters[name], value, rel_tol=_ROUNDING, abs_tol=1e-15)
+        and not math.isclose(found.parameters[name], value, rel_tol=_INERTIA_ROUNDING, abs_tol=1e-15)
     ]
     missing = [name for name, value in own.items() if name not in found.parameters and value != 0]
     if differ or missing:
@@ -224,9 +224,9 @@ def _agrees(found: Arm, out: Path, wanted: Arm) -> None:
         )
 
 
-def _derived(name: str, found: Arm) -> bool:
+def _is_derived(name: str, found: Arm) -> bool:
     """Whether a parameter follows from others: the smoothing of friction and the step of effects with a state, which
     belong to the integration, and the springs of a drive that the file calls rigid, which its compliance replaces."""
     key, _, joint = name.rpartition("_")
     given = joint.isdigit() and found.robot["joints"][int(joint) - 1]["drive"]["compliant"]
-    return name == "memory_step" or key == "friction_smoothing" or (given and key in SPRINGS)
+    return name == "memory_step" or key == "friction_smoothing" or (given and key in SPRING_KEYS)

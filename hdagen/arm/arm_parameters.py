@@ -11,7 +11,7 @@ import numpy as np
 
 from hdagen.arm.arrays import Array, is_number
 from hdagen.arm.build_loader import PlantError
-from hdagen.support.messages import list_nearest
+from hdagen.support.messages import join_nearest_names
 
 
 class UnknownParameter(PlantError, KeyError):
@@ -61,7 +61,7 @@ class ParameterOwner(Protocol):
 
     p: Array
 
-    def _prepare(self, p: Array) -> None:
+    def _set_parameters(self, p: Array) -> None:
         """Take the values ``p`` (np) from the next call on."""
 
 
@@ -71,9 +71,9 @@ class Parameters(MutableMapping[str, float]):
 
     def __init__(self, arm: ParameterOwner, described: dict[str, Parameter]) -> None:
         self._arm, self.described = arm, described
-        self._place = {name: k for k, name in enumerate(described)}
+        self._indices = {name: k for k, name in enumerate(described)}
 
-    def of(self, arm: ParameterOwner) -> Parameters:
+    def for_arm(self, arm: ParameterOwner) -> Parameters:
         """Make the same mapping for another arm.
 
         Args:
@@ -88,7 +88,7 @@ class Parameters(MutableMapping[str, float]):
         return other
 
     def __getitem__(self, name: str) -> float:
-        return float(self._arm.p[self.place(name)])
+        return float(self._arm.p[self.index(name)])
 
     def __setitem__(self, name: str, value: float) -> None:
         self.update({name: value})
@@ -107,7 +107,7 @@ class Parameters(MutableMapping[str, float]):
         values = dict(*given, **more)
         problems = []
         for name, value in values.items():
-            self.place(name)
+            self.index(name)
             described = self.described[name]
             if not is_number(value) or not described.low <= value <= described.high:
                 problems.append(
@@ -118,10 +118,10 @@ class Parameters(MutableMapping[str, float]):
             raise PlantError("\n".join(problems))
         p = self._arm.p.copy()
         for name, value in values.items():
-            p[self.place(name)] = value
-        self._arm._prepare(p)
+            p[self.index(name)] = value
+        self._arm._set_parameters(p)
 
-    def place(self, name: str) -> int:
+    def index(self, name: str) -> int:
         """Find the index of a parameter in p.
 
         Args:
@@ -134,13 +134,13 @@ class Parameters(MutableMapping[str, float]):
             UnknownParameter: There is no such parameter.
 
         """
-        if name not in self._place:
+        if name not in self._indices:
             raise UnknownParameter(
-                f"no parameter named {name}; there are {list_nearest([name], list(self.described))}."
+                f"no parameter named {name}; there are {join_nearest_names([name], list(self.described))}."
             )
-        return self._place[name]
+        return self._indices[name]
 
-    def within(self, p: Array) -> Array:
+    def clip_to_bounds(self, p: Array) -> Array:
         """Clip parameters to their bounds.
 
         Args:
@@ -155,7 +155,7 @@ class Parameters(MutableMapping[str, float]):
 
     def reset(self) -> None:
         """Set all parameters back to the robot file's values."""
-        self._arm._prepare(np.array([q.nominal for q in self.described.values()]))
+        self._arm._set_parameters(np.array([q.nominal for q in self.described.values()]))
 
     def __delitem__(self, name: str) -> None:
         raise PlantError("a parameter cannot be deleted; set its amplitude to 0.")

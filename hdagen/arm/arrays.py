@@ -25,7 +25,7 @@ def is_number(value: Any) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and bool(np.isfinite(value))
 
 
-def finite(value: ArrayLike, what: str) -> Array:
+def as_finite_array(value: ArrayLike, what: str) -> Array:
     """Turn a value into an array of finite numbers.
 
     Args:
@@ -50,7 +50,7 @@ def finite(value: ArrayLike, what: str) -> Array:
     return np.require(array, requirements="C")
 
 
-def of_rows(value: ArrayLike, length: int, what: str) -> Array:
+def as_rows(value: ArrayLike, length: int, what: str) -> Array:
     """Turn a value into one row or several rows of finite numbers.
 
     Args:
@@ -65,13 +65,13 @@ def of_rows(value: ArrayLike, length: int, what: str) -> Array:
         PlantError: The value has another shape, or is not made of finite numbers.
 
     """
-    array = np.atleast_1d(finite(value, what))
+    array = np.atleast_1d(as_finite_array(value, what))
     if array.ndim > 2 or array.shape[-1] != length:
         raise PlantError(f"{what} must have {length} entries, not the shape {array.shape}.")
     return array
 
 
-def vector(value: ArrayLike, length: int, what: str) -> Array:
+def as_vector(value: ArrayLike, length: int, what: str) -> Array:
     """Turn a value into one row of finite numbers.
 
     Args:
@@ -86,7 +86,7 @@ def vector(value: ArrayLike, length: int, what: str) -> Array:
         PlantError: The value has another shape, or is not made of finite numbers.
 
     """
-    array = np.atleast_1d(finite(value, what))
+    array = np.atleast_1d(as_finite_array(value, what))
     if array.shape != (length,):
         raise PlantError(f"{what} must have {length} entries, not the shape {array.shape}.")
     return array

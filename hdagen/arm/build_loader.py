@@ -16,15 +16,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from hdagen.support.child_processes import start_together
-from hdagen.support.messages import printable
+from hdagen.support.child_processes import start_child_process
+from hdagen.support.messages import make_printable
 from hdagen.support.ownership import find_other_writer
 
-SCHEMA = 1
-PROFILES = ("portable", "native")
-LONGEST = 4096  # bytes of a path
-PATIENCE = 5.0  # s that an interrupted build has to remove its files
-MOST_LINES = 200  # lines of an error
+MANIFEST_SCHEMA = 1
+BUILD_PROFILES = ("portable", "native")
+MOST_PATH_BYTES = 4096  # bytes of a path
+INTERRUPT_PATIENCE = 5.0  # s that an interrupted build has to remove its files
+MOST_ERROR_LINES = 200  # lines of an error
 
 
 class PlantError(Exception):
@@ -32,20 +32,20 @@ class PlantError(Exception):
 
     def __init__(self, text: object) -> None:
         lines = str(text).split("\n")
-        listed = [printable(line.expandtabs()) for line in lines[:MOST_LINES]]
-        if len(lines) > MOST_LINES:
-            listed.append(f"{len(lines) - MOST_LINES} more are not listed: mend these first.")
+        listed = [make_printable(line.expandtabs()) for line in lines[:MOST_ERROR_LINES]]
+        if len(lines) > MOST_ERROR_LINES:
+            listed.append(f"{len(lines) - MOST_ERROR_LINES} more are not listed: mend these first.")
         super().__init__("\n".join(listed))
 
 
-class Structured(Protocol):
+class StructuredController(Protocol):
     """A predictive controller's configuration, as far as its compilation depends on it."""
 
     @property
     def structure(self) -> str:
         """The structure, as `python -m gen build --mpc` takes it."""
 
-    def refusals(self, robot: Mapping[str, Any]) -> list[str]:
+    def find_incompatibilities(self, robot: Mapping[str, Any]) -> list[str]:
         """Find the reasons why the configuration cannot be used with a robot.
 
         Args:
@@ -57,8 +57,12 @@ class Structured(Protocol):
         """
 
 
-def folder_of(
-    robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None, mpc: Structured | None = None
+def find_or_build(
+    robot: str | Path,
+    profile: str,
+    effects: tuple[str, ...],
+    out: str | Path | None,
+    mpc: StructuredController | None = None,
 ) -> Path:
     """Find the folder of a robot's build; a child process builds it where it does not exist yet.
 
@@ -66,7 +70,7 @@ def folder_of(
         robot: A preset or the path of a robot.toml.
         profile: "portable" or "native".
         effects: Effects that are added to the model.
-        out: The folder where builds lie; None: as `find_builds` finds it.
+        out: The folder where builds lie; None: as `find_build_folder` finds it.
         mpc: The predictive controller to be compiled, checked against the robot first.
 
     Returns:
@@ -77,7 +81,7 @@ def folder_of(
 
     """
     name = os.fspath(robot)
-    if not name or "\0" in name or len(name) > LONGEST:
+    if not name or "\0" in name or len(name) > MOST_PATH_BYTES:
         raise PlantError(f"{name[:40]!r} names no robot; give a preset, a robot.toml, or the folder of a build.")
     if (Path(name) / "manifest.json").is_file():
         raise PlantError(
@@ -85,22 +89,22 @@ def folder_of(
             "run only where that is asked for: hdagen.Arm(folder) in Python, --built in `hdagen simulate` and "
             "`hdagen replay`."
         )
-    if profile not in PROFILES:
-        raise PlantError(f"no profile named {profile}; there are {', '.join(PROFILES)}.")
+    if profile not in BUILD_PROFILES:
+        raise PlantError(f"no profile named {profile}; there are {', '.join(BUILD_PROFILES)}.")
     if isinstance(effects, str):
         raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
-    folder = find_builds(out)
-    _refuse_others(folder)
-    if mpc and (problems := mpc.refusals(json.loads("\n".join(_gen("describe", "--", name))))):
+    folder = find_build_folder(out)
+    _refuse_other_writers(folder)
+    if mpc and (problems := mpc.find_incompatibilities(json.loads("\n".join(_run_gen("describe", "--", name))))):
         raise PlantError("\n".join(problems))
     structure = ""
     if mpc:
         structure = mpc.structure
     wanted = [f"--effects={','.join(effects)}", f"--mpc={structure}"]
-    return Path(_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
+    return Path(_run_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
 
 
-def find_builds(out: str | Path | None = None) -> Path:
+def find_build_folder(out: str | Path | None = None) -> Path:
     """Find the folder where builds lie.
 
     Args:
@@ -123,7 +127,7 @@ def find_builds(out: str | Path | None = None) -> Path:
         if not caches.is_absolute():
             caches = Path.home() / ".cache"
         folder = caches / "hdagen"
-        _make_private(folder)
+        _make_private_folder(folder)
     except (OSError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or error
         raise PlantError(
@@ -132,14 +136,14 @@ def find_builds(out: str | Path | None = None) -> Path:
     return folder
 
 
-def _make_private(folder: Path) -> None:
+def _make_private_folder(folder: Path) -> None:
     """Make a folder, and those above it that are missing, for this user alone."""
     if not folder.is_dir():
-        _make_private(folder.parent)
+        _make_private_folder(folder.parent)
         folder.mkdir(mode=0o700, exist_ok=True)
 
 
-def _refuse_others(path: Path) -> None:
+def _refuse_other_writers(path: Path) -> None:
     """Raises PlantError where another user could have written ``path``."""
     try:
         why = find_other_writer(path)
@@ -152,7 +156,7 @@ def _refuse_others(path: Path) -> None:
         )
 
 
-def mended(robot: Path) -> tuple[float, tuple[float, ...]]:
+def find_stable_settings(robot: Path) -> tuple[float, tuple[float, ...]]:
     """Find a step and widths of smooth friction with which a robot.toml can be built.
 
     Args:
@@ -165,11 +169,11 @@ def mended(robot: Path) -> tuple[float, tuple[float, ...]]:
         PlantError: Anything else is wrong with the file.
 
     """
-    said = json.loads("\n".join(_gen("mend", "--", os.fspath(robot))))
+    said = json.loads("\n".join(_run_gen("mend", "--", os.fspath(robot))))
     return said["step"], tuple(said["friction_smoothing"])
 
 
-def _gen(*arguments: str) -> list[str]:
+def _run_gen(*arguments: str) -> list[str]:
     """Run `python -m gen` in a child process and return the lines that it prints.
 
     Its messages on a build are passed on to standard error. Raises PlantError.
@@ -179,7 +183,7 @@ def _gen(*arguments: str) -> list[str]:
     # its output goes to a file: of two pipes of which only one is read, each can wait for the other
     with (
         tempfile.TemporaryFile("w+") as printed,
-        start_together(
+        start_child_process(
             command,
             stdin=subprocess.DEVNULL,
             stdout=printed,
@@ -199,7 +203,7 @@ def _gen(*arguments: str) -> list[str]:
         except KeyboardInterrupt:
             child.send_signal(signal.SIGINT)
             with suppress(subprocess.TimeoutExpired):
-                child.wait(PATIENCE)
+                child.wait(INTERRUPT_PATIENCE)
             raise
         printed.seek(0)
         lines = printed.read().splitlines()
@@ -208,7 +212,7 @@ def _gen(*arguments: str) -> list[str]:
     return lines
 
 
-def remedy(folder: Path) -> str:
+def advise_rebuild(folder: Path) -> str:
     """Say how to replace a build that cannot be used.
 
     Args:
@@ -221,7 +225,7 @@ def remedy(folder: Path) -> str:
     return f"remove {folder} and build again with `python -m gen build`."
 
 
-def opened(folder: Path) -> tuple[dict[str, Any], Any]:
+def open_build(folder: Path) -> tuple[dict[str, Any], Any]:
     """Check and load a build.
 
     Args:
@@ -234,15 +238,15 @@ def opened(folder: Path) -> tuple[dict[str, Any], Any]:
         PlantError: The build is damaged, of another user, of another version or for another processor.
 
     """
-    again = remedy(folder)
-    _refuse_others(folder / "manifest.json")
+    again = advise_rebuild(folder)
+    _refuse_other_writers(folder / "manifest.json")
     own = folder.resolve()  # the checked folder, even if a symbolic link changes afterwards
     try:
         manifest = json.loads((own / "manifest.json").read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise PlantError(f"{folder}: manifest.json cannot be read ({error}); {again}") from None
-    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        raise PlantError(f"{folder}: the manifest's schema is not {SCHEMA}; {again}")
+    if not isinstance(manifest, dict) or manifest.get("schema") != MANIFEST_SCHEMA:
+        raise PlantError(f"{folder}: the manifest's schema is not {MANIFEST_SCHEMA}; {again}")
     rest = {key: value for key, value in manifest.items() if key != "seal"}
     if manifest.get("seal") != hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest():
         raise PlantError(f"{folder}: the manifest is not as it was written; {again}")
@@ -255,8 +259,8 @@ def opened(folder: Path) -> tuple[dict[str, Any], Any]:
         path = own / file
         if Path(file).name != file or not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
             raise PlantError(f"{folder}: {file} is missing or not what was built; {again}")
-    _refuse_others(own / name)
-    missing = [flag for flag in manifest.get("cpu", ()) if flag not in _cpu_flags()]
+    _refuse_other_writers(own / name)
+    missing = [flag for flag in manifest.get("cpu", ()) if flag not in _read_cpu_flags()]
     if missing:
         raise PlantError(
             f"{folder}: the library was built for a processor with {', '.join(missing)}, which this one lacks; {again}"
@@ -275,7 +279,7 @@ def opened(folder: Path) -> tuple[dict[str, Any], Any]:
     return manifest, module
 
 
-def _cpu_flags() -> set[str]:
+def _read_cpu_flags() -> set[str]:
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdagen.arm.arm_parameters import Parameter, Parameters, UnknownParameter
-from hdagen.arm.arrays import Array, finite, is_number, of_rows, vector
-from hdagen.arm.build_loader import PlantError, Structured, folder_of
+from hdagen.arm.arrays import Array, as_finite_array, as_rows, as_vector, is_number
+from hdagen.arm.build_loader import PlantError, StructuredController, find_or_build
 from hdagen.arm.compiled_model import CompiledModel, StepJacobians
-from hdagen.arm.step_limit import Carried
+from hdagen.arm.step_limit import StableStep
 
 __all__ = [
     "Arm",
@@ -27,7 +27,7 @@ __all__ = [
     "load",
 ]
 
-DECAYS = 2.0  # decays of a slowed memory in one step at most: RK4 is stable up to 2.78
+MOST_MEMORY_DECAYS = 2.0  # decays of a slowed memory in one step at most: RK4 is stable up to 2.78
 
 
 class Arm(CompiledModel):
@@ -53,12 +53,14 @@ class Arm(CompiledModel):
             (T + 1, nx), the states, of which the first is ``x0``.
 
         """
-        inputs = self._inputs(u)
-        times, x = self._times(dt, len(inputs)), np.empty((len(inputs) + 1, self.nx))
-        self.module.rollout(int(exact), self._state(x0), inputs, self.c, times, self._most(most), 1, x)
+        inputs = self._check_inputs(u)
+        times, x = self._check_times(dt, len(inputs)), np.empty((len(inputs) + 1, self.nx))
+        self.module.rollout(
+            int(exact), self._check_state(x0), inputs, self.c, times, self._longest_stable_step(most), 1, x
+        )
         return x
 
-    def windows(
+    def rollout_windows(
         self,
         begun: ArrayLike,
         edges: ArrayLike,
@@ -91,10 +93,10 @@ class Arm(CompiledModel):
 
         """
         if c is None:
-            count, size, constants = 1, self._most(most), self.c
+            count, size, constants = 1, self._longest_stable_step(most), self.c
         else:
-            count, size, constants = len(c), self._size(most), np.ascontiguousarray(c, float)
-        rows, first = np.ascontiguousarray(edges, np.int32), finite(begun, "begun")
+            count, size, constants = len(c), self._check_step(most), np.ascontiguousarray(c, float)
+        rows, first = np.ascontiguousarray(edges, np.int32), as_finite_array(begun, "begun")
         if out is None:
             out = np.empty((count, int(np.diff(rows).sum()), self.nx))
         inputs, times = np.ascontiguousarray(u, float), np.ascontiguousarray(dt, float)
@@ -104,7 +106,7 @@ class Arm(CompiledModel):
             return out[0]
         return out
 
-    def acting(self, command: ArrayLike, dt: ArrayLike, before: ArrayLike) -> tuple[Array, Array]:
+    def apply_input_stage(self, command: ArrayLike, dt: ArrayLike, before: ArrayLike) -> tuple[Array, Array]:
         """Pass commands through the input effects (delay, saturation, sag, lag).
 
         Args:
@@ -120,19 +122,19 @@ class Arm(CompiledModel):
             PlantError: An array has another shape, or is not finite.
 
         """
-        rows = finite(command, "command")
-        first = vector(before, self.n, "before")
+        rows = as_finite_array(command, "command")
+        first = as_vector(before, self.n, "before")
         if rows.ndim != 2 or rows.shape[1] != self.n or not len(rows):
             raise PlantError(f"command must be (T, {self.n}), a row or more; it is {rows.shape}.")
-        times = self._times(dt, len(rows))
+        times = self._check_times(dt, len(rows))
         mean, end = rows.copy(), rows.copy()
-        if self.staged:
-            state = self.input_state(first)
+        if self.has_input_stage:
+            state = self.start_input_stage(first)
             first = self.evaluate("input_law", command=first)["current"]
             self.module.map("input_step", len(rows), state, rows, self.c, times, mean, end)
         return mean, np.concatenate([first[None], end[:-1]])
 
-    def input_state(self, before: ArrayLike) -> NDArray[np.uint8]:
+    def start_input_stage(self, before: ArrayLike) -> NDArray[np.uint8]:
         """Start the input stage after a command that was held for ever.
 
         Args:
@@ -143,7 +145,7 @@ class Arm(CompiledModel):
 
         """
         state = np.zeros(self.module.length("input_reset", "state"), np.uint8)
-        self.module.bind("input_reset", state, vector(before, self.n, "before"), self.c).run()
+        self.module.bind("input_reset", state, as_vector(before, self.n, "before"), self.c).run()
         return state
 
     def rollout_batch(
@@ -170,7 +172,7 @@ class Arm(CompiledModel):
             PlantError: An array has another shape, or is not finite.
 
         """
-        starts, inputs = finite(x0, "x0"), finite(u, "u")
+        starts, inputs = as_finite_array(x0, "x0"), as_finite_array(u, "u")
         if inputs.ndim != 3 or starts.shape != (inputs.shape[0], self.nx) or inputs.shape[2] != self.nu:
             raise PlantError(
                 f"rollout_batch takes x0 (B, {self.nx}) and u (B, T, {self.nu}), not {starts.shape} and {inputs.shape}."
@@ -180,11 +182,13 @@ class Arm(CompiledModel):
             raise PlantError("rollout_batch takes at least one trajectory.")
         constants, kind = self.c, 2
         if p is not None:
-            constants, kind = self.evaluate("prepare", p=of_rows(p, len(self.p), "p"))["c"], 3
+            constants, kind = self.evaluate("prepare", p=as_rows(p, len(self.p), "p"))["c"], 3
             if constants.shape != (count, len(self.c)):
                 raise PlantError(f"rollout_batch takes p ({count}, {len(self.p)}).")
         x = np.empty((count, rows + 1, self.nx))
-        self.module.rollout(kind, starts, inputs, constants, self._times(dt, rows), self._size(most), count, x)
+        self.module.rollout(
+            kind, starts, inputs, constants, self._check_times(dt, rows), self._check_step(most), count, x
+        )
         return x
 
     def rest(self, q: ArrayLike, torque: ArrayLike | None = None) -> Array:
@@ -198,11 +202,11 @@ class Arm(CompiledModel):
             (nx), the state.
 
         """
-        joint = vector(q, self.n, "q")
+        joint = as_vector(q, self.n, "q")
         load = torque
         if load is None:
             load = self.evaluate("gravity_torque", q=joint)["g"]
-        twist = self.evaluate("torsion", joint_torque=vector(load, self.n, "torque"))["torsion"]
+        twist = self.evaluate("torsion", joint_torque=as_vector(load, self.n, "torque"))["torsion"]
         x = np.zeros(self.nx)
         x[[self.index(f"joint_position_{j}") for j in range(1, self.n + 1)]] = joint
         for j in self.manifest["flexible"] * 4:  # the last times for angles that effects add to the torsion
@@ -212,39 +216,39 @@ class Arm(CompiledModel):
 
     # -- checks -----------------------------------------------------------------------------------------------------
 
-    def _inputs(self, u: ArrayLike) -> Array:
-        inputs = finite(u, "u")
+    def _check_inputs(self, u: ArrayLike) -> Array:
+        inputs = as_finite_array(u, "u")
         if inputs.ndim != 2 or inputs.shape[1] != self.nu:
             raise PlantError(f"u must be (T, {self.nu}): {', '.join(self.input_names)}; it is {inputs.shape}.")
         return inputs
 
-    def _times(self, dt: ArrayLike | None, rows: int) -> Array:
+    def _check_times(self, dt: ArrayLike | None, rows: int) -> Array:
         if dt is None:
             dt = self.step_size
-        times = finite(dt, "dt")
+        times = as_finite_array(dt, "dt")
         if times.shape not in ((), (1,), (rows,)) or not (times > 0).all():
             raise PlantError(f"dt must be one positive time, s, or {rows} of them, a row of u each.")
         return np.ascontiguousarray(np.broadcast_to(times, (rows,)))
 
     @cached_property
-    def carried(self) -> Carried:
+    def stability(self) -> StableStep:
         """The bounds on the step at which RK4 is stable."""
-        return Carried.of(self)
+        return StableStep.from_arm(self)
 
     @property
-    def _memory_step(self) -> float:
+    def _longest_memory_step(self) -> float:
         """The longest step at which the slowed memories of effects are stable, s; inf where none is slowed."""
         if "memory_step" not in self.parameters.described:
             return math.inf
-        return DECAYS * self.parameters["memory_step"]
+        return MOST_MEMORY_DECAYS * self.parameters["memory_step"]
 
     @property
     def stable_step(self) -> float:
         """The robot file's step, s, or a shorter one at which springs and walls with the present parameters are
         stable."""
-        return self._most(None)
+        return self._longest_stable_step(None)
 
-    def steps_in(self, time: float) -> int:
+    def count_steps(self, time: float) -> int:
         """Count the equal steps of a time, none longer than the stable one.
 
         Args:
@@ -256,9 +260,9 @@ class Arm(CompiledModel):
         """
         return max(1, math.ceil(time / self.stable_step - 1e-9))
 
-    def _most(self, most: float | None) -> float:
+    def _longest_stable_step(self, most: float | None) -> float:
         """The longest stable step of a rollout with the present parameters, s."""
-        return min(self._size(most), self.carried.longest(self.p), self._memory_step)
+        return min(self._check_step(most), self.stability.longest_step(self.p), self._longest_memory_step)
 
 
 def load(
@@ -266,7 +270,7 @@ def load(
     profile: str = "portable",
     effects: tuple[str, ...] = (),
     out: str | Path | None = None,
-    mpc: Structured | None = None,
+    mpc: StructuredController | None = None,
 ) -> Arm:
     """Load the arm of a preset or a robot.toml; `Arm` loads the folder of a build.
 
@@ -286,4 +290,4 @@ def load(
         PlantError: The robot cannot be built or loaded.
 
     """
-    return Arm(folder_of(robot, profile, effects, out, mpc))
+    return Arm(find_or_build(robot, profile, effects, out, mpc))

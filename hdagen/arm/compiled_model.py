@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hdagen.arm.arm_parameters import Parameter, Parameters
-from hdagen.arm.arrays import Array, is_number, of_rows, vector
-from hdagen.arm.build_loader import PlantError, opened, remedy
-from hdagen.support.messages import list_nearest
+from hdagen.arm.arrays import Array, as_rows, as_vector, is_number
+from hdagen.arm.build_loader import PlantError, advise_rebuild, open_build
+from hdagen.support.messages import join_nearest_names
 
 
 @dataclass(frozen=True)
@@ -43,31 +43,33 @@ class CompiledModel:
     units are SI.
 
     ``p`` and ``c`` are this object's own; two that are loaded from one build do not share parameters. Threads may share
-    a model whose parameters none of them sets: nothing else changes it, and `at` makes one with other parameters.
+    a model whose parameters none of them sets: nothing else changes it, and `with_parameters` makes one with other
+    parameters.
     """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = folder = Path(folder)
-        self.manifest, self.module = opened(folder)
+        self.manifest, self.module = open_build(folder)
         try:
-            self._read()
+            self._read_manifest()
         except (LookupError, TypeError, ValueError) as error:
             raise PlantError(
-                f"{folder}: the manifest is not what a build writes ({type(error).__name__}: {error}); {remedy(folder)}"
+                f"{folder}: the manifest is not what a build writes ({type(error).__name__}: {error});"
+                f" {advise_rebuild(folder)}"
             ) from None
 
-    def _read(self) -> None:
+    def _read_manifest(self) -> None:
         self.robot: Mapping[str, Any] = self.manifest["robot"]
         self.n = len(self.robot["joints"])
         self.state_names = tuple(s["name"] for s in self.manifest["state"])
         self.input_names = tuple(s["name"] for s in self.manifest["input"])
         self.nx, self.nu = len(self.state_names), len(self.input_names)
         self.step_size = float(self.robot["step"])
-        self.staged = any(effect["place"] == "input" for effect in self.manifest["effects"])
+        self.has_input_stage = any(effect["place"] == "input" for effect in self.manifest["effects"])
         self._shapes = {f["name"]: (f["inputs"], f["outputs"]) for f in self.manifest["functions"]}
         self.p: Array = np.array([q["nominal"] for q in self.manifest["parameters"]])
         self.c: Array = np.empty(self.manifest["constants"])
-        self._prepare(self.p)
+        self._set_parameters(self.p)
         described = (Parameter(**(q | {"starts": tuple(q["starts"])})) for q in self.manifest["parameters"])
         self.parameters = Parameters(self, {q.name: q for q in described})
 
@@ -75,11 +77,11 @@ class CompiledModel:
         size = f"{self.n} joints, {self.nx} states"
         return f"<arm '{self.robot['name']}': {size}, {self.manifest['profile']}, {self.folder.name}>"
 
-    def _prepare(self, p: Array) -> None:
+    def _set_parameters(self, p: Array) -> None:
         self.module.bind("prepare", p, self.c).run()
         self.p = p
 
-    def at(self, p: Array) -> Self:
+    def with_parameters(self, p: Array) -> Self:
         """Make a model of the same build with other parameters; this one stays as it is.
 
         Args:
@@ -91,8 +93,8 @@ class CompiledModel:
         """
         other = copy(self)
         other.c = np.empty_like(self.c)
-        other._prepare(np.array(p, float))
-        other.parameters = self.parameters.of(other)
+        other._set_parameters(np.array(p, float))
+        other.parameters = self.parameters.for_arm(other)
         return other
 
     def index(self, name: str) -> int:
@@ -112,7 +114,7 @@ class CompiledModel:
             if name in names:
                 return names.index(name)
         every = [*self.state_names, *self.input_names]
-        raise PlantError(f"no state or input named {name}; there are {list_nearest([name], every)}.")
+        raise PlantError(f"no state or input named {name}; there are {join_nearest_names([name], every)}.")
 
     # -- functions --------------------------------------------------------------------------------------------------
 
@@ -131,14 +133,14 @@ class CompiledModel:
 
         """
         if name not in self._shapes:
-            raise PlantError(f"no function named {name}; there are {list_nearest([name], list(self._shapes))}.")
+            raise PlantError(f"no function named {name}; there are {join_nearest_names([name], list(self._shapes))}.")
         ins, outs = self._shapes[name]
         given: dict[str, Any] = dict(inputs)
         if any(a == "c" for a, _ in ins):
             given.setdefault("c", self.c)
         if set(given) != {a for a, _ in ins}:
             raise PlantError(f"{name} takes {', '.join(a for a, _ in ins if a != 'c')}, not {', '.join(inputs)}.")
-        arrays = [of_rows(given[a], k, f"{name}: {a}") for a, k in ins]
+        arrays = [as_rows(given[a], k, f"{name}: {a}") for a, k in ins]
         counts = {a.shape[0] for a in arrays if a.ndim == 2}
         if len(counts) > 1:
             raise PlantError(f"{name}: the inputs have {sorted(counts)} rows; give one number of rows.")
@@ -193,8 +195,8 @@ class CompiledModel:
         out, name = np.empty(self.nx), "step"
         if exact:
             name = "step_exact"
-        size = np.array([self._size(h)])
-        self.module.bind(name, self._state(x), self._input(u), self.c, size, out).run()
+        size = np.array([self._check_step(h)])
+        self.module.bind(name, self._check_state(x), self._check_input(u), self.c, size, out).run()
         return out
 
     def jacobians(self, x: ArrayLike, u: ArrayLike, h: float | None = None) -> StepJacobians:
@@ -211,19 +213,19 @@ class CompiledModel:
         """
         nx, nu, many = self.nx, self.nu, len(self.p)
         out, A, B, P = np.empty(nx), np.empty(nx * nx), np.empty(nx * nu), np.empty(nx * many)
-        size = np.array([self._size(h)])
-        self.module.bind("step_jacobian", self._state(x), self._input(u), self.p, size, out, A, B, P).run()
+        size = np.array([self._check_step(h)])
+        self.module.bind("step_jacobian", self._check_state(x), self._check_input(u), self.p, size, out, A, B, P).run()
         return StepJacobians(out, A.reshape(nx, nx).T, B.reshape(nu, nx).T, P.reshape(many, nx).T)
 
     # -- checks -----------------------------------------------------------------------------------------------------
 
-    def _state(self, x: ArrayLike) -> Array:
-        return vector(x, self.nx, f"the state x ({', '.join(self.state_names)})")
+    def _check_state(self, x: ArrayLike) -> Array:
+        return as_vector(x, self.nx, f"the state x ({', '.join(self.state_names)})")
 
-    def _input(self, u: ArrayLike) -> Array:
-        return vector(u, self.nu, f"the input u ({', '.join(self.input_names)})")
+    def _check_input(self, u: ArrayLike) -> Array:
+        return as_vector(u, self.nu, f"the input u ({', '.join(self.input_names)})")
 
-    def _size(self, h: float | None) -> float:
+    def _check_step(self, h: float | None) -> float:
         if h is None:
             h = self.step_size
         if not is_number(h) or not h > 0:

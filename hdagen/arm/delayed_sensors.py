@@ -18,11 +18,11 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 
 Rows = NDArray[np.intp]
-APART = 3.0  # usual steps between rows, from where rows are not neighbours
+NEIGHBOUR_STEP_FACTOR = 3.0  # usual steps between rows, from where rows are not neighbours
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class SampledPath:
     """The instants of sampled paths.
 
     Attributes:
@@ -32,25 +32,25 @@ class Path:
     """
 
     time: Array
-    begins: Rows | None = None
+    path_starts: Rows | None = None
 
     @cached_property
-    def number(self) -> NDArray[np.int32]:
+    def path_numbers(self) -> NDArray[np.int32]:
         """The number of the path that each row is on, (T)."""
         begin = np.zeros(len(self.time), np.int32)
-        if self.begins is not None:
-            begin[self.begins] = 1
+        if self.path_starts is not None:
+            begin[self.path_starts] = 1
         return np.cumsum(begin, dtype=np.int32)
 
     @cached_property
-    def far(self) -> float:
+    def longest_neighbour_step(self) -> float:
         """The time between rows above which they are not neighbours, s."""
         if len(self.time) < 2:
             return 0.0
-        return APART * float(np.median(np.diff(self.time)))
+        return NEIGHBOUR_STEP_FACTOR * float(np.median(np.diff(self.time)))
 
 
-def read(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None = None) -> dict[str, Array]:
+def read_sensors(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None = None) -> dict[str, Array]:
     """Evaluate `Arm.outputs` along paths, with joint_position as late as the parameter sensor_delay says.
 
     Args:
@@ -64,19 +64,19 @@ def read(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None = None) 
         Every output by name, (T, k).
 
     """
-    if not _ages(arm).any():
+    if not _list_sensor_delays(arm).any():
         return arm.outputs(x, u)
     prompt = arm.p.copy()
     for k, name in enumerate(arm.parameters.described):
         if name.startswith("sensor_delay_"):
             prompt[k] = 0.0
-    seen = arm.at(prompt).outputs(x, u)
-    _delayed(arm, Path(time, begins), x, seen["joint_position"])
+    seen = arm.with_parameters(prompt).outputs(x, u)
+    _delay_joint_positions(arm, SampledPath(time, begins), x, seen["joint_position"])
     return seen
 
 
-def positions(arm: Arm, path: Path, x: Array) -> dict[str, Array]:
-    """Evaluate only the two positions that `read` gives.
+def read_positions(arm: Arm, path: SampledPath, x: Array) -> dict[str, Array]:
+    """Evaluate only the two positions that `read_sensors` gives.
 
     Args:
         arm: The arm.
@@ -89,18 +89,18 @@ def positions(arm: Arm, path: Path, x: Array) -> dict[str, Array]:
     """
     seen = {name: np.empty((len(x), arm.n)) for name in ("motor_position", "joint_position")}
     arm.module.map("positions", len(x), np.ascontiguousarray(x), arm.c, *seen.values())
-    _delayed(arm, path, x, seen["joint_position"])
+    _delay_joint_positions(arm, path, x, seen["joint_position"])
     return seen
 
 
-def _ages(arm: Arm) -> Array:
+def _list_sensor_delays(arm: Arm) -> Array:
     """The delay of each joint's encoder (n), s."""
     names = (f"sensor_delay_{j}" for j in range(1, arm.n + 1))
     return np.array([arm.parameters.get(name, 0.0) for name in names])
 
 
-def _delayed(arm: Arm, path: Path, x: Array, angle: Array) -> None:
+def _delay_joint_positions(arm: Arm, path: SampledPath, x: Array, angle: Array) -> None:
     """Replace the angles (T, n) of the joints' encoders by the delayed ones, in place."""
-    ages = _ages(arm)
+    ages = _list_sensor_delays(arm)
     if ages.any():
-        arm.module.late(np.ascontiguousarray(x), path.time, path.number, path.far, ages, angle)
+        arm.module.late(np.ascontiguousarray(x), path.time, path.path_numbers, path.longest_neighbour_step, ages, angle)

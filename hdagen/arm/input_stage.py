@@ -25,9 +25,9 @@ class InputStage:
         """Start after ``before`` (n) has been commanded for ever."""
         self.command: Array = np.array(before, float)
         self.mean, self.end, self.h = self.command.copy(), self.command.copy(), np.ones(1)
-        self.staged = arm.staged
-        if arm.staged:
-            state = arm.input_state(self.command)
+        self.has_input_stage = arm.has_input_stage
+        if arm.has_input_stage:
+            state = arm.start_input_stage(self.command)
             self.end = arm.evaluate("input_law", command=self.command)["current"]
             self._step = arm.module.bind("input_step", state, self.command, arm.c, self.h, self.mean, self.end)
 
@@ -42,7 +42,7 @@ class InputStage:
             (n): the mean over the row of the input that acts.
 
         """
-        if not self.staged:
+        if not self.has_input_stage:
             self.end = command.copy()
             return command
         self.command[:], self.h[0] = command, h

@@ -21,7 +21,7 @@ class ArmInterface(Protocol):
     def manifest(self) -> Mapping[str, Any]:
         """The build's description of itself."""
 
-    def at(self, p: Array) -> ArmInterface:
+    def with_parameters(self, p: Array) -> ArmInterface:
         """The same arm with the parameters ``p`` (np)."""
 
     def evaluate(self, name: str, **inputs: ArrayLike) -> dict[str, Array]:

@@ -8,7 +8,7 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.interface import ArmInterface
 
 
-def full_torsion(arm: ArmInterface) -> Array:
+def compute_rated_torsion(arm: ArmInterface) -> Array:
     """Compute the torsion of each drive at the largest input that the model is made for.
 
     Args:
@@ -18,10 +18,10 @@ def full_torsion(arm: ArmInterface) -> Array:
         (n), rad (m where prismatic), positive; 0 in a rigid drive.
 
     """
-    return np.abs(arm.evaluate("torsion", joint_torque=full_torque(arm))["torsion"])
+    return np.abs(arm.evaluate("torsion", joint_torque=compute_rated_torque(arm))["torsion"])
 
 
-def full_torque(arm: ArmInterface) -> Array:
+def compute_rated_torque(arm: ArmInterface) -> Array:
     """Compute the torque at each joint under the largest input that the model is made for.
 
     Args:
@@ -33,10 +33,10 @@ def full_torque(arm: ArmInterface) -> Array:
     """
     bound = np.array([slot["bound"] for slot in arm.manifest["input"][: arm.n]])
     ratio = np.array([arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1)])
-    return np.abs(bound * ratio * torque_per_input(arm))
+    return np.abs(bound * ratio * compute_torque_per_input(arm))
 
 
-def torque_per_input(arm: ArmInterface) -> Array:
+def compute_torque_per_input(arm: ArmInterface) -> Array:
     """List the torque at each motor for one unit of its input.
 
     Args:
@@ -50,7 +50,7 @@ def torque_per_input(arm: ArmInterface) -> Array:
     return np.array([arm.parameters[name] if name in arm.parameters.described else 1.0 for name in names])
 
 
-def torque_constant(arm: ArmInterface, j: int) -> float:
+def get_torque_constant(arm: ArmInterface, j: int) -> float:
     """Read the torque constant of a motor from the robot file.
 
     Args:

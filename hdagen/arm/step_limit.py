@@ -18,18 +18,18 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.interface import ArmInterface
-from hdagen.arm.ratings import full_torque
+from hdagen.arm.ratings import compute_rated_torque
 
-STABLE = 2.5  # largest rate times step, of a decay or an oscillation; RK4 is stable up to 2.78
-BEYOND = 1.5  # decay up to which no bound applies, over that of the robot file, which the build checks
-POSES = 64  # random poses over which the mass matrix is looked at
-LOADED = 1.25  # largest oscillation times step at full torque: a wall loads a joint beyond it
-TINY = 1e-3  # N m, below which a spring is at rest
-DEEP = 0.05  # rad or m; a wall that takes half of the full torque within this depth is stiff
+RK4_STABILITY_LIMIT = 2.5  # largest rate times step, of a decay or an oscillation; RK4 is stable up to 2.78
+CHECKED_DAMPING_RATIO = 1.5  # decay up to which no bound applies, over that of the robot file, which the build checks
+MASS_MATRIX_POSES = 64  # random poses over which the mass matrix is looked at
+WALL_STABILITY_LIMIT = 1.25  # largest oscillation times step at full torque: a wall loads a joint beyond it
+LEAST_SPRING_TORQUE = 1e-3  # N m, below which a spring is at rest
+STIFF_WALL_DEPTH = 0.05  # rad or m; a wall that takes half of the full torque within this depth is stiff
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class StableStep:
     """The bounds on the step of an arm.
 
     Attributes:
@@ -43,14 +43,14 @@ class Carried:
 
     """
 
-    places: tuple[int, ...]
-    looseness: Array
-    usual: float
-    missing: tuple[tuple[int, int, int], ...]
-    walls: tuple[tuple[int, float, float, float], ...]
+    damping_indices: tuple[int, ...]
+    inverse_inertia: Array
+    nominal_decay: float
+    added_springs: tuple[tuple[int, int, int], ...]
+    stiff_walls: tuple[tuple[int, float, float, float], ...]
 
     @classmethod
-    def of(cls, arm: ArmInterface) -> Carried:
+    def from_arm(cls, arm: ArmInterface) -> StableStep:
         """Compute the bounds of an arm from its robot file.
 
         Args:
@@ -64,11 +64,11 @@ class Carried:
         if not flexible:
             return cls((), np.zeros(0), 0.0, (), ())
         names, nominal = list(described), np.array([q.nominal for q in described.values()])
-        arm = arm.at(nominal)
-        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, arm.n))
+        arm = arm.with_parameters(nominal)
+        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (MASS_MATRIX_POSES, arm.n))
         inverse = np.linalg.inv(arm.evaluate("mass_matrix", q=q)["M"].reshape(-1, arm.n, arm.n))
-        full = full_torque(arm)
-        loaded = _stiffness(arm, full)
+        full = compute_rated_torque(arm)
+        loaded = _compute_spring_stiffness(arm, full)
         own = np.diagonal(inverse, axis1=1, axis2=2).max(0)[[j - 1 for j in flexible]]
         rotors = [described[f"ratio_{j}"].nominal ** 2 * described[f"motor_inertia_{j}"].nominal for j in flexible]
         places = tuple(names.index(f"torsional_damping_{j}") for j in flexible)
@@ -82,10 +82,12 @@ class Carried:
         for loose, stiffness, j in zip(looseness, loaded, flexible, strict=True):
             for name in (f"contact_stiffness_above_{j}", f"contact_stiffness_below_{j}"):
                 if name in described:
-                    walls.append((names.index(name), 0.5 * full[j - 1] / DEEP, float(loose), float(stiffness)))
+                    walls.append(
+                        (names.index(name), 0.5 * full[j - 1] / STIFF_WALL_DEPTH, float(loose), float(stiffness))
+                    )
         return cls(places, looseness, float(looseness @ nominal[list(places)]), missing, tuple(walls))
 
-    def longest(self, p: Array) -> float:
+    def longest_step(self, p: Array) -> float:
         """Bound the step by the parameters.
 
         The joints' decays are added, which bounds the fastest one; so are the squares of the oscillations that the
@@ -98,20 +100,20 @@ class Carried:
             The longest stable step, s; inf where the parameters are no faster than the robot file's own.
 
         """
-        decay, step = float(self.looseness @ p[list(self.places)]), np.inf
-        if decay > BEYOND * self.usual:
-            step = STABLE / decay
-        for place, stiff, loose, stiffness in self.walls:
+        decay, step = float(self.inverse_inertia @ p[list(self.damping_indices)]), np.inf
+        if decay > CHECKED_DAMPING_RATIO * self.nominal_decay:
+            step = RK4_STABILITY_LIMIT / decay
+        for place, stiff, loose, stiffness in self.stiff_walls:
             if p[place] >= stiff:
-                step = min(step, LOADED / float(np.sqrt(loose * (stiffness + p[place]))))
-        if not self.missing:
+                step = min(step, WALL_STABILITY_LIMIT / float(np.sqrt(loose * (stiffness + p[place]))))
+        if not self.added_springs:
             return step
-        which, compliance, damping = map(list, zip(*self.missing, strict=True))
-        own = self.looseness[which]
+        which, compliance, damping = map(list, zip(*self.added_springs, strict=True))
+        own = self.inverse_inertia[which]
         fastest = max(decay + float(own @ p[damping]), float(np.sqrt(np.sum(own / p[compliance]))))
-        return min(step, STABLE / fastest)
+        return min(step, RK4_STABILITY_LIMIT / fastest)
 
-    def loaded(self, arm: ArmInterface, load: Array) -> float:
+    def longest_step_under_load(self, arm: ArmInterface, load: Array) -> float:
         """Bound the step by springs that stiffen under load.
 
         The squares of the oscillations are added, which bounds the fastest one.
@@ -124,12 +126,12 @@ class Carried:
             The longest stable step, s; inf in an arm without springs.
 
         """
-        fastest = float(np.sqrt(self.looseness @ _stiffness(arm, load)))
+        fastest = float(np.sqrt(self.inverse_inertia @ _compute_spring_stiffness(arm, load)))
         if fastest <= 0.0:
             return np.inf
-        return STABLE / fastest
+        return RK4_STABILITY_LIMIT / fastest
 
-    def springs(self, step: float) -> dict[int, tuple[float, float]]:
+    def spring_bounds(self, step: float) -> dict[int, tuple[float, float]]:
         """Bound the springs that the robot file does not have, so that a step is stable.
 
         Args:
@@ -140,16 +142,16 @@ class Carried:
 
         """
         bounds = {}
-        for which, compliance, damping in self.missing:
-            loose = float(self.looseness[which])
-            bounds[compliance] = loose * (step / STABLE) ** 2, np.inf
-            bounds[damping] = 0.0, STABLE / (loose * step)
+        for which, compliance, damping in self.added_springs:
+            loose = float(self.inverse_inertia[which])
+            bounds[compliance] = loose * (step / RK4_STABILITY_LIMIT) ** 2, np.inf
+            bounds[damping] = 0.0, RK4_STABILITY_LIMIT / (loose * step)
         return bounds
 
 
-def _stiffness(arm: ArmInterface, load: Array) -> Array:
+def _compute_spring_stiffness(arm: ArmInterface, load: Array) -> Array:
     """The stiffness of each spring at its joint's torque in ``load`` (n, N m), N m/rad."""
     flexible = [j - 1 for j in arm.manifest["flexible"]]
-    torques = np.maximum(np.abs(load), TINY)
+    torques = np.maximum(np.abs(load), LEAST_SPRING_TORQUE)
     ends = [arm.evaluate("torsion", joint_torque=share * torques)["torsion"] for share in (0.99, 1.0)]
     return np.asarray(0.01 * torques[flexible] / np.abs(ends[1] - ends[0])[flexible])

@@ -18,19 +18,24 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.arm.build_loader import PlantError, find_builds
+from hdagen.arm.build_loader import PlantError, find_build_folder
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.bench.host_computer import describe_machine
 from hdagen.control.guarded_controller import Controller, Guard, Safe
-from hdagen.prediction.measurement_model import mechanical
-from hdagen.support.child_processes import start_together
+from hdagen.prediction.measurement_model import count_mechanical_states
+from hdagen.support.child_processes import start_child_process
 
 ROBOT = "paper"  # of which the bars are
-PERIOD = 1e6  # ns, of a loop at 1 kHz
-WHO = ("native", "portable", "casadi_c", "interpreter")
-STEP, SECONDS, CURRENT, FREQUENCY = 5e-4, 3.0, 2.0, 1.0  # of the accuracy runs: 0.105 N m at Table I's motors, 1 Hz
-STEPS, TICKS = 2000, 500  # in a rollout, and of a controller
-NOISY = 0.2  # range from 10 to 90 % of a ratio, against its median
+PERIOD_NS = 1e6  # ns, of a loop at 1 kHz
+CONTESTANTS = ("native", "portable", "casadi_c", "interpreter")
+ACCURACY_STEP, ACCURACY_SECONDS, ACCURACY_CURRENT, ACCURACY_FREQUENCY = (
+    5e-4,
+    3.0,
+    2.0,
+    1.0,
+)  # of the accuracy runs: 0.105 N m at Table I's motors, 1 Hz
+ROLLOUT_STEPS, CONTROLLER_TICKS = 2000, 500  # in a rollout, and of a controller
+NOISY_RATIO_RANGE = 0.2  # range from 10 to 90 % of a ratio, against its median
 
 
 @dataclass(frozen=True)
@@ -49,11 +54,11 @@ class Timing:
     @property
     def share(self) -> float:
         """Of p99.9 in a period of 1 kHz."""
-        return self.p999 / PERIOD
+        return self.p999 / PERIOD_NS
 
 
 @dataclass(frozen=True)
-class Bar:
+class BenchRequirement:
     """A bar, the reached figure, its spread (10 to 90 %) and whether it is met; ``met`` None: reported, not judged."""
 
     name: str
@@ -66,21 +71,21 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class Bench:
+class BenchResult:
     """Everything that a run found."""
 
     timings: tuple[Timing, ...]
-    bars: tuple[Bar, ...]
+    bars: tuple[BenchRequirement, ...]
     machine: dict[str, str]
 
     @property
-    def noisy(self) -> bool:
+    def is_noisy(self) -> bool:
         """Whether a ratio varied so much that the machine must have been doing other things."""
         ratios = [bar for bar in self.bars if "faster" in bar.unit]
-        return any(bar.spread[1] - bar.spread[0] > NOISY * bar.reached for bar in ratios)
+        return any(bar.spread[1] - bar.spread[0] > NOISY_RATIO_RANGE * bar.reached for bar in ratios)
 
 
-def bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> Bench:
+def run_bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> BenchResult:
     """Measure times, sizes and errors, and judge them by the bars.
 
     Args:
@@ -100,57 +105,59 @@ def bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> Benc
     stage("building")
     native = load(robot, profile="native")
     stage("CasADi's interpreter and C, in turns with ours")
-    raced = _raced(robot, rounds)
+    raced = _race_functions(robot, rounds)
     reached: dict[str, Array] = {}
     for name in ("rhs", "step"):
         ours = np.array(raced[name]["native"]["row"])
         for who in ("casadi_c", "interpreter"):
             reached[f"native_{name}_against_{who}"] = np.array(raced[name][who]["row"]) / ours
     stage("loops and calls from Python")
-    loops, bars = _loops(native, rounds)
-    loops |= _ticks(native, rounds)
-    timings = [_raced_timing(name, contest) for name, contest in raced.items()]
-    timings += [_timing(name, values) for name, values in loops.items()]
+    loops, bars = _time_loops(native, rounds)
+    loops |= _time_ticks(native, rounds)
+    timings = [_summarize_contest(name, contest) for name, contest in raced.items()]
+    timings += [_summarize_loop(name, values) for name, values in loops.items()]
     if robot != ROBOT:
-        return Bench(tuple(timings), (), machine | _compiled(native))
+        return BenchResult(tuple(timings), (), machine | _describe_build(native))
     stage("accuracy")
-    accuracy = _accuracy(rounds)
+    accuracy = _measure_accuracy(rounds)
     stage("building from nothing")
-    reached |= bars | accuracy | _builds(load(ROBOT))
-    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), machine | _compiled(native))
+    reached |= bars | accuracy | _time_builds(load(ROBOT))
+    return BenchResult(
+        tuple(timings), _judge_requirements(reached, int(native.module.batch_width)), machine | _describe_build(native)
+    )
 
 
-def _raced(robot: str, rounds: int) -> dict[str, Any]:
+def _race_functions(robot: str, rounds: int) -> dict[str, Any]:
     """The output of `python -m gen time`: function -> contestant -> "row" and "single"."""
-    return dict(json.loads(_gen("time", "--rounds", str(rounds), f"--out={find_builds()}", "--", robot)))
+    return dict(json.loads(_run_gen("time", "--rounds", str(rounds), f"--out={find_build_folder()}", "--", robot)))
 
 
-def _gen(*arguments: str) -> str:
+def _run_gen(*arguments: str) -> str:
     """The output of a child process of gen. Raises PlantError with its words."""
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-P", "-m", "gen", *arguments]
     environment, pipe = {**os.environ, "PYTHONPATH": beside}, subprocess.PIPE
-    with start_together(command, stdout=pipe, stderr=pipe, text=True, env=environment) as child:
+    with start_child_process(command, stdout=pipe, stderr=pipe, text=True, env=environment) as child:
         printed, said = child.communicate()
     if child.returncode:
         raise PlantError(said.strip() or f"`python -m gen {arguments[0]}` failed without a word.")
     return str(printed)
 
 
-def _raced_timing(name: str, contest: dict[str, Any]) -> Timing:
+def _summarize_contest(name: str, contest: dict[str, Any]) -> Timing:
     """Times of one function and of its rivals."""
     rows = {who: float(np.median(times["row"])) for who, times in contest.items()}
     median, p99, p999, largest = contest["native"]["single"]
     return Timing(name, rows["native"], median, p99, p999, largest, rows)
 
 
-def _timing(name: str, values: Sequence[float] | Array) -> Timing:
+def _summarize_loop(name: str, values: Sequence[float] | Array) -> Timing:
     v = np.asarray(values, float)
     median, p99, p999 = (float(value) for value in np.percentile(v, [50, 99, 99.9]))
     return Timing(name, median, median, p99, p999, float(v.max()), {})
 
 
-def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
+def _judge_requirements(reached: dict[str, Array], width: int) -> tuple[BenchRequirement, ...]:
     """Every bar of bars.toml with the reached figure."""
     table = tomllib.loads((resources.files("hdagen.bench") / "bars.toml").read_text())
     bars = []
@@ -163,27 +170,34 @@ def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
         if entry.get("width", width) != width:
             met = None
         low, high = np.percentile(values, [10, 90])
-        bars.append(Bar(name, entry["bar"], entry["bound"], entry["unit"], value, (float(low), float(high)), met))
+        bars.append(
+            BenchRequirement(name, entry["bar"], entry["bound"], entry["unit"], value, (float(low), float(high)), met)
+        )
     return tuple(bars)
 
 
-def _compiled(arm: Arm) -> dict[str, str]:
+def _describe_build(arm: Arm) -> dict[str, str]:
     return {"compiler": arm.manifest["compiler"], "lanes": str(arm.module.batch_width)}
 
 
 # -- loops ------------------------------------------------------------------------------------------------------------
 
 
-def _loops(arm: Arm, rounds: int) -> tuple[dict[str, Array], dict[str, Array]]:
+def _time_loops(arm: Arm, rounds: int) -> tuple[dict[str, Array], dict[str, Array]]:
     """Rollouts and calls, ns a step over rounds; and the bars that rest on them."""
-    many, few, h = 8 * arm.module.batch_width, STEPS // 10, arm.step_size
-    x0, u = arm.rest(np.full(arm.n, 0.3)), np.zeros((STEPS, arm.nu))
+    many, few, h = 8 * arm.module.batch_width, ROLLOUT_STEPS // 10, arm.step_size
+    x0, u = arm.rest(np.full(arm.n, 0.3)), np.zeros((ROLLOUT_STEPS, arm.nu))
     most = np.array([slot["bound"] for slot in arm.manifest["input"][: arm.n]])
-    u[:, : arm.n] = np.minimum(CURRENT, most) * np.sin(np.arange(STEPS) / 20)[:, None]  # the motors slide
+    u[:, : arm.n] = (
+        np.minimum(ACCURACY_CURRENT, most) * np.sin(np.arange(ROLLOUT_STEPS) / 20)[:, None]
+    )  # the motors slide
     batch = np.empty((many, few + 1, arm.nx))
     starts, inputs, held = np.tile(x0, (many, 1)), np.tile(u[:few], (many, 1, 1)), np.full(few, h)
-    at = np.arange(many) * (STEPS - few) // many  # lanes go over pieces of the one rollout's motion
-    begun, pieces = arm.rollout(x0, u, exact=True)[at][:, : mechanical(arm)].copy(), u[at[:, None] + np.arange(few)]
+    at = np.arange(many) * (ROLLOUT_STEPS - few) // many  # lanes go over pieces of the one rollout's motion
+    begun, pieces = (
+        arm.rollout(x0, u, exact=True)[at][:, : count_mechanical_states(arm)].copy(),
+        u[at[:, None] + np.arange(few)],
+    )
     edges, limit, states = np.array([[0, few]], np.int32), np.full(arm.nx, 1e9), np.empty((many, few, arm.nx))
     own = np.tile(arm.c, (many, 1))
     out, size, first = np.empty(arm.nx), np.array([h]), u[0].copy()
@@ -191,24 +205,24 @@ def _loops(arm: Arm, rounds: int) -> tuple[dict[str, Array], dict[str, Array]]:
     call, empty = arm.module.bind("step", x0, first, arm.c, size, out).run, arm.module.empty
 
     def loop() -> None:  # row k + 1 of a new path from row k, nothing but the loop in C
-        path = np.empty((STEPS + 1, arm.nx))
+        path = np.empty((ROLLOUT_STEPS + 1, arm.nx))
         path[0] = x0
-        arm.module.map("step", STEPS, path[:-1], u, arm.c, size, path[1:])
+        arm.module.map("step", ROLLOUT_STEPS, path[:-1], u, arm.c, size, path[1:])
 
     runs: dict[str, tuple[Callable[[], Any], int]] = {
-        "arm.rollout": (lambda: arm.rollout(x0, u), STEPS),
-        "arm.rollout, set-valued friction": (lambda: arm.rollout(x0, u, exact=True), STEPS),
+        "arm.rollout": (lambda: arm.rollout(x0, u), ROLLOUT_STEPS),
+        "arm.rollout, set-valued friction": (lambda: arm.rollout(x0, u, exact=True), ROLLOUT_STEPS),
         "batch": (lambda: arm.module.rollout(2, starts, inputs, arm.c, held, h, many, batch), few * many),
         "batch, set-valued friction": (
             lambda: arm.module.windows(begun, None, edges, pieces, own, held, None, limit, states, h, many),
             few * many,
         ),
-        "step upon step in C": (loop, STEPS),
+        "step upon step in C": (loop, ROLLOUT_STEPS),
         "step with derivatives": (lambda: arm.module.map("step_jacobian", few, x0, u[:few], arm.p, size, *slopes), few),
-        "step from Python": (lambda: _repeat(call, STEPS), STEPS),
-        "empty call from Python": (lambda: _repeat(empty, STEPS), STEPS),
+        "step from Python": (lambda: _repeat_call(call, ROLLOUT_STEPS), ROLLOUT_STEPS),
+        "empty call from Python": (lambda: _repeat_call(empty, ROLLOUT_STEPS), ROLLOUT_STEPS),
     }
-    t = _turns(runs, rounds)
+    t = _time_in_turns(runs, rounds)
     return t, {
         "batch_against_native_step": t["step upon step in C"] / t["batch"],
         "python_call_over_empty_call": t["step from Python"] - t["empty call from Python"],
@@ -216,7 +230,7 @@ def _loops(arm: Arm, rounds: int) -> tuple[dict[str, Array], dict[str, Array]]:
     }
 
 
-def _turns(runs: dict[str, tuple[Callable[[], Any], int]], rounds: int) -> dict[str, Array]:
+def _time_in_turns(runs: dict[str, tuple[Callable[[], Any], int]], rounds: int) -> dict[str, Array]:
     """Every run twice a round, by turns, the first to warm up: ns a step of the second."""
     times: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(rounds):
@@ -228,20 +242,20 @@ def _turns(runs: dict[str, tuple[Callable[[], Any], int]], rounds: int) -> dict[
     return {name: np.array(values) for name, values in times.items()}
 
 
-def _repeat(call: Callable[[], None], count: int) -> None:
+def _repeat_call(call: Callable[[], None], count: int) -> None:
     for _ in range(count):
         call()
 
 
-def _ticks(arm: Arm, rounds: int) -> dict[str, Array]:
+def _time_ticks(arm: Arm, rounds: int) -> dict[str, Array]:
     """Ticks of every controller, guard and law, called from Python as a loop on a machine would; ns a tick."""
     runs: dict[str, tuple[Callable[[], Any], int]] = {}
     for law in arm.manifest["controllers"]:
-        runs[f"tick from Python, {law['name']}"] = (_tick_loop(arm, law["name"]), TICKS)
-    return _turns(runs, rounds)
+        runs[f"tick from Python, {law['name']}"] = (_make_tick_loop(arm, law["name"]), CONTROLLER_TICKS)
+    return _time_in_turns(runs, rounds)
 
 
-def _tick_loop(arm: Arm, law: str) -> Callable[[], None]:
+def _make_tick_loop(arm: Arm, law: str) -> Callable[[], None]:
     """A run of ticks at rest, guarded by limits that the robot file need not state."""
     ones = (1.0,) * arm.n
     controller = Controller(arm, law, Guard(Safe.ZERO, torque_limit=ones, torque_rate=tuple(50 * k for k in ones)))
@@ -251,7 +265,7 @@ def _tick_loop(arm: Arm, law: str) -> Callable[[], None]:
 
     def loop() -> None:
         controller.restart()
-        for k in range(1, TICKS + 1):
+        for k in range(1, CONTROLLER_TICKS + 1):
             status = controller.tick(k * period)
         if status < 0:  # what was timed is the safe state
             raise PlantError(f"{law}: {controller.sentence(status)}")
@@ -262,22 +276,22 @@ def _tick_loop(arm: Arm, law: str) -> Callable[[], None]:
 # -- accuracy ---------------------------------------------------------------------------------------------------------
 
 
-def _accuracy(rounds: int) -> dict[str, Array]:
+def _measure_accuracy(rounds: int) -> dict[str, Array]:
     """Largest error of a link angle over 3 s at 0.5 ms against a step forty times finer, friction smoothed at 1 rad/s;
     and the cost of bristles. The robot file states them: those only added to a model are slowed to its step."""
     plain = load("paper_table1", profile="native")
     with tempfile.TemporaryDirectory() as folder:
-        bristles = load(_bristly(Path(folder) / "bristles.toml", plain.n), profile="native")
+        bristles = load(_write_bristle_robot(Path(folder) / "bristles.toml", plain.n), profile="native")
     for arm in (plain, bristles):
         arm.parameters.update({f"friction_smoothing_{j}": 1.0 for j in range(1, arm.n + 1)})
     return {
-        "error_without_bristles": np.array([_error(plain)]),
-        "error_with_bristles": np.array([_error(bristles)]),
-        "cost_with_bristles": _cost(bristles, rounds),
+        "error_without_bristles": np.array([_measure_link_error(plain)]),
+        "error_with_bristles": np.array([_measure_link_error(bristles)]),
+        "cost_with_bristles": _time_sliding(bristles, rounds),
     }
 
 
-def _bristly(path: Path, joints: int) -> Path:
+def _write_bristle_robot(path: Path, joints: int) -> Path:
     """The robot file of the plain model with all of its dry friction on bristles, written to ``path``."""
     plain = Path(__file__).parents[2] / "gen" / "presets" / "paper_table1.toml"
     effect = '[[effect]]\nname = "presliding_friction"\njoint = {}\npresliding_share = 1.0\n'
@@ -285,37 +299,39 @@ def _bristly(path: Path, joints: int) -> Path:
     return path
 
 
-def _error(arm: Arm) -> float:
-    t = np.arange(round(SECONDS / STEP)) * STEP
+def _measure_link_error(arm: Arm) -> float:
+    t = np.arange(round(ACCURACY_SECONDS / ACCURACY_STEP)) * ACCURACY_STEP
     u = np.zeros((len(t), arm.nu))
-    u[:, : arm.n] = (CURRENT * np.sin(2 * np.pi * FREQUENCY * t))[:, None]
+    u[:, : arm.n] = (ACCURACY_CURRENT * np.sin(2 * np.pi * ACCURACY_FREQUENCY * t))[:, None]
     x0 = arm.rest(np.zeros(arm.n))
-    coarse, fine = (arm.rollout(x0, u, dt=STEP, most=STEP / parts) for parts in (1, 40))
+    coarse, fine = (arm.rollout(x0, u, dt=ACCURACY_STEP, most=ACCURACY_STEP / parts) for parts in (1, 40))
     links = [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
     return float(np.abs(coarse - fine)[:, links].max())
 
 
-def _cost(arm: Arm, rounds: int) -> Array:
+def _time_sliding(arm: Arm, rounds: int) -> Array:
     """Microseconds a simulated millisecond while every motor slides one way."""
     rows = 400
     u = np.zeros((rows, arm.nu))
-    u[:, : arm.n] = CURRENT
-    x0 = arm.rollout(arm.rest(np.zeros(arm.n)), u, dt=STEP, most=STEP)[-1]
-    ns = _turns({"sliding": (lambda: arm.rollout(x0, u, dt=STEP, most=STEP), rows)}, rounds)["sliding"]
-    return ns * 1e-3 / (STEP * 1e3)
+    u[:, : arm.n] = ACCURACY_CURRENT
+    x0 = arm.rollout(arm.rest(np.zeros(arm.n)), u, dt=ACCURACY_STEP, most=ACCURACY_STEP)[-1]
+    ns = _time_in_turns({"sliding": (lambda: arm.rollout(x0, u, dt=ACCURACY_STEP, most=ACCURACY_STEP), rows)}, rounds)[
+        "sliding"
+    ]
+    return ns * 1e-3 / (ACCURACY_STEP * 1e3)
 
 
 # -- builds -----------------------------------------------------------------------------------------------------------
 
 
-def _builds(arm: Arm) -> dict[str, Array]:
+def _time_builds(arm: Arm) -> dict[str, Array]:
     with tempfile.TemporaryDirectory() as folder:
-        cold, *unchanged = (_seconds("build", "--out", folder, "--", "paper") for _ in range(6))
+        cold, *unchanged = (_time_gen("build", "--out", folder, "--", "paper") for _ in range(6))
     size = (arm.folder / arm.manifest["library"]).stat().st_size / 1e3
     return {"build_cold": np.array([cold]), "build_unchanged": np.array(unchanged), "library_size": np.array([size])}
 
 
-def _seconds(*arguments: str) -> float:
+def _time_gen(*arguments: str) -> float:
     begin = time.perf_counter()
-    _gen(*arguments)
+    _run_gen(*arguments)
     return time.perf_counter() - begin

@@ -14,7 +14,7 @@ from hdagen.support.version import __version__
 def describe_machine() -> dict[str, str]:
     """Describe the machine that takes a measurement: processor, load, versions and date, by name."""
     return {
-        "processor": _processor(),
+        "processor": _read_processor_name(),
         "processors": str(os.cpu_count()),
         "load": f"{os.getloadavg()[0]:.1f}",  # programs that wanted to run, on average over the last minute
         "python": platform.python_version(),
@@ -25,7 +25,7 @@ def describe_machine() -> dict[str, str]:
     }
 
 
-def _processor() -> str:
+def _read_processor_name() -> str:
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:

@@ -7,24 +7,24 @@ from typing import Any
 
 import numpy as np
 
-Found = Mapping[str, Any]  # content of each source, by name
+SourceContents = Mapping[str, Any]  # content of each source, by name
 
 
 # -- words ------------------------------------------------------------------------------------------------------------
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def _format_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     """Three digits, without an exponent where that is shorter."""
     shown = f"{value:.3g}"
     return f"{value:.0f}" if "e+" in shown and abs(value) < 1e6 else shown
 
 
-def _verdict(bar: Mapping[str, Any]) -> str:
+def _format_verdict(bar: Mapping[str, Any]) -> str:
     """Whether a bar is met; ``asked``, ``reached`` and ``bound`` "least" or "most"."""
     asked, reached, least = bar["asked"], bar["reached"], bar["bound"] == "least"
     if (reached >= asked) if least else (reached <= asked):
@@ -33,32 +33,32 @@ def _verdict(bar: Mapping[str, Any]) -> str:
     return f"**missed by {100 * (over - 1):.0f} %**"
 
 
-def _limit(bar: Mapping[str, Any]) -> str:
-    return f"at {bar['bound']} {_number(bar['asked'])} {bar.get('unit', '')}".rstrip()
+def _format_limit(bar: Mapping[str, Any]) -> str:
+    return f"at {bar['bound']} {_format_number(bar['asked'])} {bar.get('unit', '')}".rstrip()
 
 
-def _bench_bars(found: Found) -> dict[str, dict[str, Any]]:
+def _find_bench_bars(found: SourceContents) -> dict[str, dict[str, Any]]:
     """The bars of `hdagen bench` by name; those that this machine's vectors are too narrow for are not judged."""
     return {bar["name"]: bar | {"asked": bar["bar"]} for bar in found["bench"]["bars"]}
 
 
-def _predictive_bars(found: Found) -> list[dict[str, Any]]:
+def _list_predictive_bars(found: SourceContents) -> list[dict[str, Any]]:
     return [bar | {"bound": bar["kind"]} for bar in found["predictive"]["bars"]]
 
 
-def _timing(found: Found, name: str) -> Mapping[str, Any]:
+def _find_timing(found: SourceContents, name: str) -> Mapping[str, Any]:
     (timing,) = (t for t in found["bench"]["timings"] if t["name"] == name)
     return dict(timing)
 
 
-def _claim(found: Found, figure: str, paper: str) -> str:
+def _find_claim(found: SourceContents, figure: str, paper: str) -> str:
     """The result here beside a sentence of the paper that begins with ``paper``."""
     (content,) = (content for content in found["paper"] if content["name"] == figure)
     (claim,) = (claim for claim in content["claims"] if claim["paper"].startswith(paper))
     return str(claim["here"])
 
 
-def _machine(machine: Mapping[str, str]) -> str:
+def _describe_machine(machine: Mapping[str, str]) -> str:
     """A sentence on where and when."""
     busy = float(machine["load"]) > 0.5
     load = f", while {machine['load']} other programs ran on average: trust the ratios alone" if busy else ", idle"
@@ -72,7 +72,7 @@ def _machine(machine: Mapping[str, str]) -> str:
 # -- README -----------------------------------------------------------------------------------------------------------
 
 
-def reached(found: Found) -> str:
+def build_reached_table(found: SourceContents) -> str:
     """Tabulate the figures that the project reaches.
 
     Args:
@@ -82,33 +82,33 @@ def reached(found: Found) -> str:
         Markdown.
 
     """
-    rows = [*_compiled(found), *_driven(found), *_of_the_paper(found), *_of_a_machine(found)]
+    rows = [*_list_compiled_rows(found), *_list_control_rows(found), *_list_paper_rows(found), *_list_emps_rows(found)]
     heads = ("what", "figure", "bar", "command")
-    return f"Measured on {_machine(found['bench']['machine'])}\n\n{_table(heads, rows)}"
+    return f"Measured on {_describe_machine(found['bench']['machine'])}\n\n{_format_table(heads, rows)}"
 
 
-def _judged(bar: Mapping[str, Any]) -> str:
-    return f"{_limit(bar)}: {_verdict(bar)}"
+def _judge_bar(bar: Mapping[str, Any]) -> str:
+    return f"{_format_limit(bar)}: {_format_verdict(bar)}"
 
 
-def _compiled(found: Found) -> list[tuple[str, str, str, str]]:
-    bars, command = _bench_bars(found), "`hdagen bench`"
+def _list_compiled_rows(found: SourceContents) -> list[tuple[str, str, str, str]]:
+    bars, command = _find_bench_bars(found), "`hdagen bench`"
     rows = []
     for what, name in (
         ("one evaluation of the two-joint arm, springs inverted to 1e-12 rad, native profile", "rhs"),
         ("one RK4 step", "step"),
     ):
-        timing, others = _timing(found, name), _timing(found, name)["against"]
+        timing, others = _find_timing(found, name), _find_timing(found, name)["against"]
         ours = f"{timing['row']:.0f} ns; CasADi's own C {others['casadi_c']:.0f} ns, its interpreter"
         judged = (bars[f"native_{name}_against_{who}"] for who in ("casadi_c", "interpreter"))
-        rows.append((what, f"{ours} {others['interpreter']:.0f} ns", "; ".join(map(_judged, judged)), command))
+        rows.append((what, f"{ours} {others['interpreter']:.0f} ns", "; ".join(map(_judge_bar, judged)), command))
     lanes = found["bench"]["machine"]["lanes"]
     batch = bars["batch_against_native_step"]
     rows.append(
         (
             f"the same in a batch, {lanes} lanes",
-            f"{_timing(found, 'batch')['row']:.0f} ns a trajectory",
-            "not judged: needs 8 lanes" if batch["met"] is None else _judged(batch),
+            f"{_find_timing(found, 'batch')['row']:.0f} ns a trajectory",
+            "not judged: needs 8 lanes" if batch["met"] is None else _judge_bar(batch),
             command,
         )
     )
@@ -119,20 +119,22 @@ def _compiled(found: Found) -> list[tuple[str, str, str, str]]:
         ("build of `paper` from nothing", "build_cold"),
         ("the same, unchanged", "build_unchanged"),
     ):
-        rows.append((what, f"{_number(bars[name]['reached'])} {bars[name]['unit']}", _judged(bars[name]), command))
+        rows.append(
+            (what, f"{_format_number(bars[name]['reached'])} {bars[name]['unit']}", _judge_bar(bars[name]), command)
+        )
     return rows
 
 
-def _driven(found: Found) -> list[tuple[str, str, str, str]]:
+def _list_control_rows(found: SourceContents) -> list[tuple[str, str, str, str]]:
     demo, mpc = found["demo"], found["predictive"]
     shares = [100 * one["largest_gap_share"] for one in demo["followed"].values()]
-    bars = {bar["name"]: bar for bar in _predictive_bars(found)}
+    bars = {bar["name"]: bar for bar in _list_predictive_bars(found)}
     osqp = bars["osqp at 1e-3 over riccati"]
     rows = [
         (
             "circle with two pushes of 15 N, friction on: tip against the ideal motion, impedance and admittance",
             f"{shares[0]:.1f} % and {shares[1]:.1f} % of the largest displacement",
-            _judged({"asked": 100 * demo["bar"], "reached": max(shares), "bound": "most", "unit": "%"}),
+            _judge_bar({"asked": 100 * demo["bar"], "reached": max(shares), "bound": "most", "unit": "%"}),
             "`hdagen demo`",
         ),
         (
@@ -144,7 +146,7 @@ def _driven(found: Found) -> list[tuple[str, str, str, str]]:
         (
             "its solver beside OSQP at 1e-3",
             f"{osqp['reached']:.0f} times faster",
-            _judged(osqp | {"unit": "times"}),
+            _judge_bar(osqp | {"unit": "times"}),
             "`hdagen bench --mpc`",
         ),
     ]
@@ -160,17 +162,17 @@ def _driven(found: Found) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def _of_the_paper(found: Found) -> list[tuple[str, str, str, str]]:
+def _list_paper_rows(found: SourceContents) -> list[tuple[str, str, str, str]]:
     rows = [
         (
             "joint torque without a torque sensor, kinematic torsion compensated, 4096 counts and 2¹⁸",
-            _claim(found, "fig15", "after the system is stable"),
+            _find_claim(found, "fig15", "after the system is stable"),
             "",
             "`hdagen paper fig15`",
         ),
         (
             "compliant control on these torques in place of a force sensor, 10 N at the tip",
-            _claim(found, "sensorless", "the torque estimation results"),
+            _find_claim(found, "sensorless", "the torque estimation results"),
             "",
             "`hdagen paper sensorless`",
         ),
@@ -186,7 +188,7 @@ def _of_the_paper(found: Found) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def _of_a_machine(found: Found) -> list[tuple[str, str, str, str]]:
+def _list_emps_rows(found: SourceContents) -> list[tuple[str, str, str, str]]:
     logs = found["identification"], found["pulses"]
     errors = [1e3 * log["errors"]["joint_position_1"] for log in logs]
     forces = [100 * log["force_error"][0] for log in logs]
@@ -210,7 +212,7 @@ def _of_a_machine(found: Found) -> list[tuple[str, str, str, str]]:
 # -- pages of their own -----------------------------------------------------------------------------------------------
 
 
-def bench(found: Found) -> str:
+def build_bench_tables(found: SourceContents) -> str:
     """Tabulate every bar of `hdagen bench`, then the times of each function.
 
     Args:
@@ -221,10 +223,10 @@ def bench(found: Found) -> str:
 
     """
     bars = []
-    for name, bar in _bench_bars(found).items():
-        low, high = (_number(value) for value in bar["spread"])
-        verdict = "not judged: vectors are narrower here" if bar["met"] is None else _verdict(bar)
-        bars.append((f"`{name}`", _limit(bar), _number(bar["reached"]), f"{low} to {high}", verdict))
+    for name, bar in _find_bench_bars(found).items():
+        low, high = (_format_number(value) for value in bar["spread"])
+        verdict = "not judged: vectors are narrower here" if bar["met"] is None else _format_verdict(bar)
+        bars.append((f"`{name}`", _format_limit(bar), _format_number(bar["reached"]), f"{low} to {high}", verdict))
     times = [
         (
             t["name"],
@@ -238,13 +240,13 @@ def bench(found: Found) -> str:
     ]
     heads = ("function or loop", "in a row", "portable", "CasADi's C", "median", "p99", "p99.9")
     return (
-        f"{_machine(found['bench']['machine'])}\n\n"
-        f"{_table(('bar', 'asked', 'reached', '10 to 90 %', ''), bars)}\n"
-        f"Nanoseconds a call, of loops a step, native profile:\n\n{_table(heads, times)}"
+        f"{_describe_machine(found['bench']['machine'])}\n\n"
+        f"{_format_table(('bar', 'asked', 'reached', '10 to 90 %', ''), bars)}\n"
+        f"Nanoseconds a call, of loops a step, native profile:\n\n{_format_table(heads, times)}"
     )
 
 
-def predictive(found: Found) -> str:
+def build_mpc_tables(found: SourceContents) -> str:
     """Tabulate every bar of the predictive controller, the times of its parts, and the courses.
 
     Args:
@@ -255,34 +257,37 @@ def predictive(found: Found) -> str:
 
     """
     mpc = found["predictive"]
-    bars = [(bar["name"], _limit(bar), _number(bar["reached"]), _verdict(bar)) for bar in _predictive_bars(found)]
+    bars = [
+        (bar["name"], _format_limit(bar), _format_number(bar["reached"]), _format_verdict(bar))
+        for bar in _list_predictive_bars(found)
+    ]
     parts = [
         (t["name"], *(f"{t[key]:.0f}" for key in ("median", "p99", "largest")), f"{100 * t['solved']:.1f} %")
         for t in (*mpc["timing"]["phases"], *mpc["timing"]["solvers"])
     ]
     made = [
-        _machine(mpc["machine"]) + "\n",
-        _table(("bar", "asked", "reached", ""), bars),
+        _describe_machine(mpc["machine"]) + "\n",
+        _format_table(("bar", "asked", "reached", ""), bars),
         "Microseconds of thread time on the closed loop of the second course:\n",
-        _table(("part", "median", "p99", "largest", "solved"), parts),
+        _format_table(("part", "median", "p99", "largest", "solved"), parts),
     ]
     if mpc["scaling"] and mpc["comparison"]:  # a quick run has neither
-        made += [*_sizes(mpc["scaling"]), *_courses(mpc["comparison"])]
+        made += [*_build_size_table(mpc["scaling"]), *_build_course_table(mpc["comparison"])]
     return "\n".join(made)
 
 
-def _sizes(scaling: Mapping[str, Any]) -> list[str]:
+def _build_size_table(scaling: Mapping[str, Any]) -> list[str]:
     sizes = [
         (str(size["joints"]), str(size["nodes"]), *(f"{size[key]:.3g}" for key in ("before", "iteration", "tick")))
         for size in (*scaling["by_nodes"], *scaling["by_joints"])
     ]
     return [
         "By size, µs: what is before the measurement, an iteration of the interior point, a whole tick:\n",
-        _table(("joints", "nodes", "before", "iteration", "tick"), sizes),
+        _format_table(("joints", "nodes", "before", "iteration", "tick"), sizes),
     ]
 
 
-def _courses(comparison: Mapping[str, Any]) -> list[str]:
+def _build_course_table(comparison: Mapping[str, Any]) -> list[str]:
     courses = [
         (
             row["course"],
@@ -297,12 +302,12 @@ def _courses(comparison: Mapping[str, Any]) -> list[str]:
     medians = (f"{name} {1e3 * float(np.median(values)):.4f} mm" for name, values in comparison["free"].items())
     return [
         "Tip against the ideal motion, mm; contact force, N; limits exceeded, SI:\n",
-        _table(("course", "controller", "median", "largest", "contact", "exceeded"), courses),
+        _format_table(("course", "controller", "median", "largest", "contact", "exceeded"), courses),
         f"No limit near, median over seeds of the noise: {', '.join(medians)}.\n",
     ]
 
 
-def sense(found: Found) -> str:
+def build_sensing_table(found: SourceContents) -> str:
     """Tabulate the accuracy and the delay of the predictive controller's estimator.
 
     Args:
@@ -338,4 +343,4 @@ def sense(found: Found) -> str:
         for hit in sensed["detections"]
     ]
     rows.append((f"false alarms in {sensed['seconds']:.0f} s of motion without contact", str(sensed["alarms"])))
-    return _table(("what", "figure"), rows)
+    return _format_table(("what", "figure"), rows)

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.bench import measured_tables, real_machine_tables
-from hdagen.bench.measured_tables import Found
+from hdagen.bench.measured_tables import SourceContents
 from hdagen.blind import rates
 from hdagen.paper import document_tables
-from hdagen.support.atomic_write import write_whole
+from hdagen.support.atomic_write import write_atomically
 
 SOURCES = {
     "bench": ("docs/bench.json", "hdagen bench --json"),
@@ -39,7 +39,7 @@ SOURCES = {
 }
 
 
-def read(root: Path) -> dict[str, Any]:
+def read_sources(root: Path) -> dict[str, Any]:
     """Read the sources of all tables.
 
     Args:
@@ -55,7 +55,7 @@ def read(root: Path) -> dict[str, Any]:
     return {name: json.loads((root / path).read_text(encoding="utf-8")) for name, (path, _) in SOURCES.items()}
 
 
-def documents(root: Path) -> list[Path]:
+def list_documents(root: Path) -> list[Path]:
     """List the documents that may have markers.
 
     Args:
@@ -68,7 +68,7 @@ def documents(root: Path) -> list[Path]:
     return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
 
 
-def updated(text: str, found: Found) -> str:
+def update_tables(text: str, found: SourceContents) -> str:
     """Print every table of a document anew.
 
     Args:
@@ -82,7 +82,7 @@ def updated(text: str, found: Found) -> str:
         ValueError: A marker stands alone.
 
     """
-    for name, table in TABLES.items():
+    for name, table in DOCUMENT_TABLES.items():
         begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->\n"
         if begin not in text and end not in text:
             continue
@@ -94,14 +94,14 @@ def updated(text: str, found: Found) -> str:
     return text
 
 
-TABLES: dict[str, Callable[[Found], str]] = {
-    "reached": measured_tables.reached,
-    "bench": measured_tables.bench,
-    "predictive": measured_tables.predictive,
-    "sense": measured_tables.sense,
-    "blind": lambda found: rates.table(found["blind"]),
-    **real_machine_tables.TABLES,
-    "results": lambda found: f"\n{document_tables.tables(found['paper'])}\n\n",
+DOCUMENT_TABLES: dict[str, Callable[[SourceContents], str]] = {
+    "reached": measured_tables.build_reached_table,
+    "bench": measured_tables.build_bench_tables,
+    "predictive": measured_tables.build_mpc_tables,
+    "sense": measured_tables.build_sensing_table,
+    "blind": lambda found: rates.render_table(found["blind"]),
+    **real_machine_tables.MACHINE_TABLES,
+    "results": lambda found: f"\n{document_tables.render_tables(found['paper'])}\n\n",
 }
 
 
@@ -114,14 +114,14 @@ def main() -> int:
     """
     root = Path()
     try:
-        found = read(root)
+        found = read_sources(root)
     except FileNotFoundError as error:
         print(f"{error.filename}: there is no such file; call this in the project's folder.", file=sys.stderr)
         return 2
-    for path in documents(root):
+    for path in list_documents(root):
         text = path.read_text(encoding="utf-8")
-        if (made := updated(text, found)) != text:
-            write_whole(path, made.encode())
+        if (made := update_tables(text, found)) != text:
+            write_atomically(path, made.encode())
             print(path)
     return 0
 

@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-PAGES = ("bam", "dfki", "dfki_simple", "emps", "kinova", "kuka")  # folders of docs/examples
-UNKNOWN = "unknown@"
+EXAMPLE_FOLDERS = ("bam", "dfki", "dfki_simple", "emps", "kinova", "kuka")  # folders of docs/examples
+UNKNOWN_PREFIX = "unknown@"
 
 
-def table(found: Mapping[str, Any]) -> str:
+def build_machine_table(found: Mapping[str, Any]) -> str:
     """Tabulate all machines, a line for each case and one for each bar.
 
     Args:
@@ -32,10 +32,10 @@ def table(found: Mapping[str, Any]) -> str:
             verdict = "met"
         limit = f"at {bar['bound']} {bar['asked']:.3g}"
         bars.append(f"| {bar['name']} | {bar['reached']:.3g} | {limit} | {verdict} |")
-    return "\n".join([*_lines(found["real"]["cases"]), "", *bars]) + "\n"
+    return "\n".join([*_format_cases(found["real"]["cases"]), "", *bars]) + "\n"
 
 
-def page_table(found: Mapping[str, Any], page: str) -> str:
+def build_page_table(found: Mapping[str, Any], page: str) -> str:
     """Tabulate one example.
 
     Args:
@@ -46,15 +46,19 @@ def page_table(found: Mapping[str, Any], page: str) -> str:
         Markdown.
 
     """
-    return "\n".join(_lines([case for case in found["real"]["cases"] if case["page"] == page])) + "\n"
+    return "\n".join(_format_cases([case for case in found["real"]["cases"] if case["page"] == page])) + "\n"
 
 
-def _lines(cases: list[Mapping[str, Any]]) -> list[str]:
+def _format_cases(cases: list[Mapping[str, Any]]) -> list[str]:
     heads = ("machine", "known", "what is there", "what remains", "sure", "before", "after", "achievable", "closed")
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for case in cases:
-        there = [_sized(entry, case["sizes"]) for entry in case["verdict"] if not entry.startswith(UNKNOWN)]
-        remains = [f"`{entry}`" for entry in case["verdict"] if entry.startswith(UNKNOWN)]
+        there = [
+            _format_named_effect(entry, case["sizes"])
+            for entry in case["verdict"]
+            if not entry.startswith(UNKNOWN_PREFIX)
+        ]
+        remains = [f"`{entry}`" for entry in case["verdict"] if entry.startswith(UNKNOWN_PREFIX)]
         answer, sure, closed = f"{case['answer']}: **missed**", "no", ""
         if case["named"]:
             answer = case["answer"]
@@ -62,21 +66,21 @@ def _lines(cases: list[Mapping[str, Any]]) -> list[str]:
             sure = "yes"
         if case["closed"] is not None:
             closed = f"{100 * case['closed']:.0f} %"
-        gaps = [_gap(case[key]) for key in ("before", "after", "achievable")]
+        gaps = [_format_gap(case[key]) for key in ("before", "after", "achievable")]
         named = "<br>".join(there) or "nothing named"
         cells = (case["machine"], answer, named, ", ".join(remains), sure, *gaps, closed)
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 
 
-def _gap(value: float) -> str:
+def _format_gap(value: float) -> str:
     """A gap with three digits, or to whole multiples of the noise."""
     if value >= 100:
         return f"{value:.0f}"
     return f"{value:.3g}"
 
 
-def _sized(entry: str, sizes: Mapping[str, Any]) -> str:
+def _format_named_effect(entry: str, sizes: Mapping[str, Any]) -> str:
     """A named effect with the values of its parameters."""
     values = []
     for value in sizes.get(entry, {}).values():
@@ -89,7 +93,7 @@ def _sized(entry: str, sizes: Mapping[str, Any]) -> str:
     return f"`{entry}` ({', '.join(values)})"
 
 
-TABLES: dict[str, Callable[[Mapping[str, Any]], str]] = {
-    "real": table,
-    **{f"real {page}": partial(page_table, page=page) for page in PAGES},
+MACHINE_TABLES: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "real": build_machine_table,
+    **{f"real {page}": partial(build_page_table, page=page) for page in EXAMPLE_FOLDERS},
 }

@@ -8,4 +8,4 @@ Nothing here reads the generated model or its equations; docs/blind.md describes
 """
 
 KINDS = ("single", "background", "none", "unknown", "unknown+one", "pair", "task", "joint")
-SECONDS = {**dict.fromkeys(KINDS, 10.0), "joint": 24.0}  # usual length of a log
+LOG_SECONDS = {**dict.fromkeys(KINDS, 10.0), "joint": 24.0}  # usual length of a log

@@ -7,17 +7,24 @@ from pathlib import Path
 
 import numpy as np
 
-from hdagen.blind.blind_report import Report, by_effect, machine
+from hdagen.blind.blind_report import Report, describe_host, figures_by_effect
 from hdagen.blind.confidence_intervals import finite_or_none
-from hdagen.blind.labels import WORDS, said
-from hdagen.blind.realities.effect_sizes import SIZES
+from hdagen.blind.labels import FIGURE_LABELS, format_figure
+from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
 from hdagen.blind.required_rates import Bar
-from hdagen.blind.scores import Row, bins, closed, confusion, coverage, single
+from hdagen.blind.scores import (
+    Row,
+    accuracy_by_coverage,
+    bin_by_confidence,
+    closed_share,
+    count_confusions,
+    select_single,
+)
 from hdagen.pages import figure, page
-from hdagen.pages.number_table import Cell
+from hdagen.pages.number_table import TableCell
 from hdagen.support.version import __version__
 
-KINDS = {
+KIND_TITLES = {
     "single": "one effect",
     "background": "one effect over a background of every other",
     "none": "no effect",
@@ -27,18 +34,18 @@ KINDS = {
     "task": "one effect on a circle task",
     "joint": "real joints' friction",
 }
-LEADS = {
+LEADING_FIGURES = {
     "none": "false_alarm",
     "unknown": "unknown_found_at_joint",
     "unknown+one": "both_said",
     "pair": "pair_f1",
     "joint": "named",
 }
-ARMS = (
+ARMS_TEXT = (
     "MuJoCo moves rotors and links, with its own dry friction, walls and current filter; hand-coded drives join them. "
     "The robot file states other parameters than the true ones, by 4 % standard deviation, and none of the effects."
 )
-JOINTS = (
+JOINTS_TEXT = (
     "MuJoCo moves one or two rigid joints with dry friction, and beside it friction that grows with the speed, in most "
     "not quite linearly, and up to a tenth of it that has no name. The robot file states other parameters than the "
     "true ones, by 2 to 4 % standard deviation, and no friction, or half of it."
@@ -49,7 +56,7 @@ CASE_COLUMNS = (
 NB = "\N{NO-BREAK SPACE}"
 
 
-def write(path: Path, report: Report) -> None:
+def write_page(path: Path, report: Report) -> None:
     """Write the page of a check, whole or not at all.
 
     Args:
@@ -60,18 +67,18 @@ def write(path: Path, report: Report) -> None:
         OSError: the file cannot be written.
 
     """
-    sections = [_figures(report)]
-    if single(report.rows):
-        sections += [_reliability(report), _effects(report)]
-    sections += [_confusion(report), _gap(report)]
+    sections = [_figures_section(report)]
+    if select_single(report.rows):
+        sections += [_reliability_section(report), _effects_section(report)]
+    sections += [_confusion_section(report), _gap_section(report)]
     if report.lines:
-        sections.append(_parameters(report))
-    sections.append(_cases(report))
-    title = f"Blind check: {KINDS[report.asked.kind]}"
-    page.write(path, title, verdict(report), sections, _reproduce(report))
+        sections.append(_parameters_section(report))
+    sections.append(_cases_section(report))
+    title = f"Blind check: {KIND_TITLES[report.asked.kind]}"
+    page.write_page(path, title, summarize_check(report), sections, _describe_reproduction(report))
 
 
-def verdict(report: Report) -> str:
+def summarize_check(report: Report) -> str:
     """Sum up a check in one sentence.
 
     Args:
@@ -81,26 +88,26 @@ def verdict(report: Report) -> str:
         The leading figure of the check's kind, and the bars that were missed.
 
     """
-    lead = LEADS.get(report.asked.kind, "effect")
-    words = f"{WORDS[lead][0].upper()}{WORDS[lead][1:]}"
-    missed = [WORDS[bar.figure] for bar, _, met in report.bars if not met]
+    lead = LEADING_FIGURES.get(report.asked.kind, "effect")
+    words = f"{FIGURE_LABELS[lead][0].upper()}{FIGURE_LABELS[lead][1:]}"
+    missed = [FIGURE_LABELS[bar.figure] for bar, _, met in report.bars if not met]
     bars = "every bar is met"
     if missed:
         bars = f"missed: {', '.join(missed)}"
     if lead not in report.summary:
         return f"No case of {report.asked.count} could be judged; {bars}."
     found = report.summary[lead]
-    return f"{words}: {said(lead, found)}, of {found.count} cases whose labels were sealed; {bars}."
+    return f"{words}: {format_figure(lead, found)}, of {found.count} cases whose labels were sealed; {bars}."
 
 
-def _figures(report: Report) -> page.Section:
+def _figures_section(report: Report) -> page.Section:
     bars = {bar.figure: _bar_cells(bar, met) for bar, _, met in report.bars}
-    rows: list[list[Cell]] = []
-    for name, words in WORDS.items():
+    rows: list[list[TableCell]] = []
+    for name, words in FIGURE_LABELS.items():
         if name in report.summary:
             found = report.summary[name]
             rows.append([words, found.value, found.low, found.high, found.count, *bars.get(name, ("", ""))])
-    table = figure.table(
+    table = figure.draw_table(
         "Figures",
         ("", "value", "from", "to", "cases", "bar", ""),
         rows,
@@ -108,9 +115,9 @@ def _figures(report: Report) -> page.Section:
         caption="From and to: 95 % interval (Wilson's for shares, normal for means, order statistics for medians). A "
         "case without a diagnosis counts as wrong.",
     )
-    made = ARMS
+    made = ARMS_TEXT
     if report.asked.kind == "joint":
-        made = JOINTS
+        made = JOINTS_TEXT
     text = (
         f"Each case is a reality that another simulator made: {made} The labels were sealed by a hash before the first "
         "diagnosis; each diagnosis ran as a process of its own that had a robot file, a log and nothing else; the seal "
@@ -126,9 +133,9 @@ def _bar_cells(bar: Bar, met: bool) -> tuple[str, str]:
     return f"{sign} {bar.value:g}", outcome
 
 
-def _reliability(report: Report) -> page.Section:
-    rows = single(report.rows)
-    parts = bins(rows)
+def _reliability_section(report: Report) -> page.Section:
+    rows = select_single(report.rows)
+    parts = bin_by_confidence(rows)
     x = [point.value for point, _ in parts]
     y = [right.value for _, right in parts]
     curves = [
@@ -139,7 +146,7 @@ def _reliability(report: Report) -> page.Section:
         curves.append(
             figure.Curve("", [point.value] * 2, [right.low, right.high], color="blue", dash="solid", width=1.2)
         )
-    diagram = figure.xy(
+    diagram = figure.draw_plane(
         "Reliability",
         curves,
         x_label="probability that was said",
@@ -148,8 +155,8 @@ def _reliability(report: Report) -> page.Section:
         + ", ".join(f"{right.count} at {point.value:.2f}" for point, right in parts)
         + ".",
     )
-    share, right_so_far = coverage(rows)
-    covered = figure.lines(
+    share, right_so_far = accuracy_by_coverage(rows)
+    covered = figure.draw_lines(
         "Accuracy against coverage",
         share,
         [figure.Series("right among those answered", right_so_far, "blue", "solid", draw="step")],
@@ -161,9 +168,9 @@ def _reliability(report: Report) -> page.Section:
     return page.Section("How sure", text, [diagram, covered])
 
 
-def _effects(report: Report) -> page.Section:
-    rows: list[list[Cell]] = []
-    for name, found in by_effect(report.rows).items():
+def _effects_section(report: Report) -> page.Section:
+    rows: list[list[TableCell]] = []
+    for name, found in figures_by_effect(report.rows).items():
         right = found["effect"]
         low, high = 100 * right.low, 100 * right.high
         rows.append(
@@ -180,21 +187,21 @@ def _effects(report: Report) -> page.Section:
         )
     columns = ("effect", "cases", "right (%)", "95 % interval", "joint (%)", "place (%)", "p of truth", "snr")
     caption = "snr: how far the effect moves the channel that shows it best, rms, in multiples of its noise; median."
-    return page.Section("By effect", "", [figure.table("By effect", columns, rows, digits=3, caption=caption)])
+    return page.Section("By effect", "", [figure.draw_table("By effect", columns, rows, digits=3, caption=caption)])
 
 
-def _confusion(report: Report) -> page.Section:
-    counts = confusion(report.rows)
+def _confusion_section(report: Report) -> page.Section:
+    counts = count_confusions(report.rows)
     if not counts:
         return page.Section("What was taken for what", "Cases of several effects stand in the table of all cases.")
-    order = [*SIZES, "unknown", "none", "several", "failed"]
+    order = [*EFFECT_SIZES, "unknown", "none", "several", "failed"]
     truths = sorted(counts, key=order.index)
     names = {one for line in counts.values() for one in line}
     # effects that a diagnosis names beyond the table of effects stand at the end
     verdicts = [one for one in order if one in names] + sorted(names - set(order))
     grid = [[counts[true].get(one, math.nan) for one in verdicts] for true in truths]
     number = {one: str(at) for at, one in enumerate(dict.fromkeys([*truths, *verdicts]), 1)}
-    drawn = figure.heat(
+    drawn = figure.draw_heat_map(
         "Confusion",
         [number[one] for one in verdicts],
         [f"{one.replace('_', ' ')} {number[one]}" for one in truths],
@@ -205,7 +212,7 @@ def _confusion(report: Report) -> page.Section:
         caption="Asymmetric friction and a bias of the current are the same but near standstill and count as one. "
         + "; ".join(f"{number[one]}: {one.replace('_', ' ')}" for one in verdicts if one not in truths),
     )
-    mistakes: list[list[Cell]] = [
+    mistakes: list[list[TableCell]] = [
         [true.replace("_", " "), one.replace("_", " "), count]
         for true in truths
         for one, count in sorted(counts[true].items(), key=lambda item: -item[1])
@@ -213,22 +220,22 @@ def _confusion(report: Report) -> page.Section:
     ]
     parts = [drawn]
     if mistakes:
-        parts.append(figure.table("Taken for something else", ("truth", "verdict", "cases"), mistakes))
+        parts.append(figure.draw_table("Taken for something else", ("truth", "verdict", "cases"), mistakes))
     return page.Section("What was taken for what", "", parts)
 
 
-def _gap(report: Report) -> page.Section:
+def _gap_section(report: Report) -> page.Section:
     known = [row for row in report.rows if row.has_gap]
     if not known:
         return page.Section("How far the gap shrinks", "No case has a gap before and after.")
     before, after = np.array([row.before for row in known]), np.array([row.after for row in known])
     ends = np.array([min(before.min(), after.min(), 1.0), max(before.max(), after.max())])
-    right = np.array([row.right for row in known])
+    right = np.array([row.is_right for row in known])
     curves = [figure.Curve("unchanged", ends, ends, color="grey", dash="dotted", width=1.2)]
     for words, chosen, color in (("verdict right", right, "blue"), ("verdict wrong", ~right, "vermilion")):
         if chosen.any():
             curves.append(figure.Curve(words, before[chosen], after[chosen], color=color, draw="points", width=2.2))
-    drawn = figure.xy(
+    drawn = figure.draw_plane(
         "Gap on held-out motion",
         curves,
         x_label="gap before",
@@ -241,8 +248,8 @@ def _gap(report: Report) -> page.Section:
     return page.Section("How far the gap shrinks", "", [drawn])
 
 
-def _parameters(report: Report) -> page.Section:
-    rows: list[list[Cell]] = []
+def _parameters_section(report: Report) -> page.Section:
+    rows: list[list[TableCell]] = []
     for line in report.lines:
         inside = 100 * line.within.value if line.within.count else None
         rows.append(
@@ -262,11 +269,11 @@ def _parameters(report: Report) -> page.Section:
         "(docs/blind.md), so that a shape has no exact counterpart; orders and times have."
     )
     return page.Section(
-        "Orders, time constants and shapes", text, [figure.table("Parameters", columns, rows, digits=3)]
+        "Orders, time constants and shapes", text, [figure.draw_table("Parameters", columns, rows, digits=3)]
     )
 
 
-def _cases(report: Report) -> page.Section:
+def _cases_section(report: Report) -> page.Section:
     columns = [*CASE_COLUMNS]
     size = "in multiples of the typical one (docs/blind.md)"
     rows = [_case_cells(row) for row in report.rows]
@@ -278,10 +285,10 @@ def _cases(report: Report) -> page.Section:
         for cells, row in zip(rows, report.rows, strict=True):
             cells.append(finite_or_none(row.after_true))
     caption = f"Size: {size}. Beside it: what the verdict calls unknown beside what it names.{brackets}"
-    return page.Section("All cases", "", [figure.table("Cases", columns, rows, digits=3, caption=caption)])
+    return page.Section("All cases", "", [figure.draw_table("Cases", columns, rows, digits=3, caption=caption)])
 
 
-def _case_cells(row: Row) -> list[Cell]:
+def _case_cells(row: Row) -> list[TableCell]:
     """A case as a row of the table."""
     may = [f"({one})" for one in row.optional]
     return [
@@ -294,12 +301,12 @@ def _case_cells(row: Row) -> list[Cell]:
         row.p_truth,
         finite_or_none(row.before),
         finite_or_none(row.after),
-        100 * closed(row) if row.has_gap else None,
+        100 * closed_share(row) if row.has_gap else None,
     ]
 
 
-def _reproduce(report: Report) -> str:
-    asked, where = report.asked, machine()
+def _describe_reproduction(report: Report) -> str:
+    asked, where = report.asked, describe_host()
     command = f"hdagen blind --kind {asked.kind} --cases {asked.count} --seconds {asked.seconds:g} --seed {asked.seed}"
     return "\n\n".join(
         [

@@ -9,16 +9,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from hdagen.blind.confidence_intervals import Figure, finite_or_none, mean, median, rate
-from hdagen.blind.label_seal import Seal, seed_hash
-from hdagen.blind.parameter_errors import Line, compare
-from hdagen.blind.realities.effect_sizes import SIZES
+from hdagen.blind.confidence_intervals import Figure, estimate_mean, estimate_median, estimate_rate, finite_or_none
+from hdagen.blind.label_seal import Seal, hash_seed
+from hdagen.blind.parameter_errors import ComparisonLine, compare_parameters
+from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
 from hdagen.blind.required_rates import BARS, Bar
-from hdagen.blind.scores import Row, bins, confusion, single, summary
+from hdagen.blind.scores import Row, bin_by_confidence, count_confusions, select_single, summarize_rows
 from hdagen.blind.sealed_check import Check
 from hdagen.support.version import __version__
 
-SCHEMA = 1
+REPORT_SCHEMA = 1
 
 
 @dataclass(frozen=True)
@@ -29,16 +29,16 @@ class Report:
     seal: Seal
     rows: Sequence[Row]
     summary: Mapping[str, Figure]
-    lines: Sequence[Line]
+    lines: Sequence[ComparisonLine]
 
     @property
     def bars(self) -> list[tuple[Bar, Figure, bool]]:
         """The kind's bars whose figure exists: each bar, its figure, and whether it is met."""
         known = [(bar, self.summary[bar.figure]) for bar in BARS[self.asked.kind] if bar.figure in self.summary]
-        return [(bar, found, bar.met(found)) for bar, found in known]
+        return [(bar, found, bar.is_met_by(found)) for bar, found in known]
 
 
-def report(asked: Check, seal: Seal, rows: Sequence[Row]) -> Report:
+def make_report(asked: Check, seal: Seal, rows: Sequence[Row]) -> Report:
     """Make the report of a check.
 
     Args:
@@ -50,34 +50,34 @@ def report(asked: Check, seal: Seal, rows: Sequence[Row]) -> Report:
         The report with all figures and comparisons.
 
     """
-    return Report(asked, seal, rows, summary(rows), compare(rows))
+    return Report(asked, seal, rows, summarize_rows(rows), compare_parameters(rows))
 
 
-def by_effect(rows: Sequence[Row]) -> dict[str, dict[str, Figure]]:
+def figures_by_effect(rows: Sequence[Row]) -> dict[str, dict[str, Figure]]:
     """Compute figures of each true effect alone.
 
     Args:
         rows: cases of any kind.
 
     Returns:
-        Figures by effect, in the order of `SIZES`: right "effect", "joint" and "place", "p_truth", and "snr".
+        Figures by effect, in the order of `EFFECT_SIZES`: right "effect", "joint" and "place", "p_truth", and "snr".
 
     """
     found = {}
-    for name in SIZES:
-        mine = [row for row in single(rows) if row.effect == name]
+    for name in EFFECT_SIZES:
+        mine = [row for row in select_single(rows) if row.true_effect == name]
         if mine:
             found[name] = {
-                "effect": rate([row.effect_right for row in mine]),
-                "joint": rate([row.joint_right for row in mine]),
-                "place": rate([row.place_right for row in mine]),
-                "p_truth": mean([row.p_truth for row in mine]),
-                "snr": median([row.snr for row in mine]),
+                "effect": estimate_rate([row.is_effect_right for row in mine]),
+                "joint": estimate_rate([row.is_joint_right for row in mine]),
+                "place": estimate_rate([row.is_place_right for row in mine]),
+                "p_truth": estimate_mean([row.p_truth for row in mine]),
+                "snr": estimate_median([row.snr for row in mine]),
             }
     return found
 
 
-def written(found: Report) -> str:
+def render_report(found: Report) -> str:
     """Render blind.json.
 
     Args:
@@ -88,30 +88,33 @@ def written(found: Report) -> str:
 
     """
     content = {
-        "schema": SCHEMA,
+        "schema": REPORT_SCHEMA,
         "kind": found.asked.kind,
         "cases": found.asked.count,
         "seconds": found.asked.seconds,
         "version": __version__,
-        "machine": machine(),
+        "machine": describe_host(),
         "seal": found.seal.digest,
         "seed": found.asked.seed,
-        "seed_hash": seed_hash(found.asked.seed),
+        "seed_hash": hash_seed(found.asked.seed),
         "summary": _figures_json(found.summary),
         "bars": [
             {"figure": bar.figure, "value": bar.value, "at": ("least", "most")[bar.most], "met": met}
             for bar, _, met in found.bars
         ],
-        "reliability": [{"said": said.json(), "right": right.json()} for said, right in bins(single(found.rows))],
-        "confusion": confusion(found.rows),
-        "effects": {name: _figures_json(figures) for name, figures in by_effect(found.rows).items()},
+        "reliability": [
+            {"said": said.as_json(), "right": right.as_json()}
+            for said, right in bin_by_confidence(select_single(found.rows))
+        ],
+        "confusion": count_confusions(found.rows),
+        "effects": {name: _figures_json(figures) for name, figures in figures_by_effect(found.rows).items()},
         "parameters": [
             {
                 "effect": line.compared.effect,
                 "parameter": line.compared.words,
                 "unit": line.compared.unit,
-                "relative_error": line.error.json(),
-                "within_two_std": line.within.json(),
+                "relative_error": line.error.as_json(),
+                "within_two_std": line.within.as_json(),
                 "pairs": line.pairs,
             }
             for line in found.lines
@@ -121,17 +124,17 @@ def written(found: Report) -> str:
     return json.dumps(content, indent=1) + "\n"
 
 
-def machine() -> dict[str, Any]:
+def describe_host() -> dict[str, Any]:
     """Describe the machine that the check ran on."""
     return {
-        "processor": _processor(),
+        "processor": _processor_name(),
         "cores": os.cpu_count(),
         "system": platform.platform(),
         "python": platform.python_version(),
     }
 
 
-def _processor() -> str:
+def _processor_name() -> str:
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as file:
             names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
@@ -141,7 +144,7 @@ def _processor() -> str:
 
 
 def _figures_json(figures: Mapping[str, Figure]) -> dict[str, Any]:
-    return {name: figure.json() for name, figure in figures.items()}
+    return {name: figure.as_json() for name, figure in figures.items()}
 
 
 def _row_json(row: Row) -> dict[str, Any]:

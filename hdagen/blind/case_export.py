@@ -8,12 +8,14 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from hdagen.blind.realities.cases import Case, cases
-from hdagen.blind.subprocesses import ask
-from hdagen.support.atomic_write import write_whole
+from hdagen.blind.realities.cases import Case, draw_cases
+from hdagen.blind.subprocesses import request_log
+from hdagen.support.atomic_write import write_atomically
 
 
-def write(out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float, said: Callable[[str], None]) -> Path:
+def export_cases(
+    out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float, said: Callable[[str], None]
+) -> Path:
     """Write cases with their logs and labels.
 
     Args:
@@ -34,31 +36,33 @@ def write(out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float
     """
     folder = out / kind
     folder.mkdir(parents=True, exist_ok=True)
-    drawn, stop = cases(seed, kind, count), threading.Event()
+    drawn, stop = draw_cases(seed, kind, count), threading.Event()
     labels: dict[str, dict[str, object]] = {}
 
     def one(index: int) -> tuple[str, dict[str, object]]:
         name = f"case-{index:03d}"
-        return name, _case(folder / name, seed, index, drawn[index], seconds, stop)
+        return name, _export_case(folder / name, seed, index, drawn[index], seconds, stop)
 
     pool = ThreadPoolExecutor(jobs)
     try:
         for done, (name, label) in enumerate(pool.map(one, range(count)), 1):
             labels[name] = label
             said(f"{kind}: {done} of {count} cases")
-            write_whole(folder / "labels.json", json.dumps(labels, indent=1).encode())
+            write_atomically(folder / "labels.json", json.dumps(labels, indent=1).encode())
     finally:
         stop.set()
         pool.shutdown(cancel_futures=True)
     return folder
 
 
-def _case(folder: Path, seed: str, index: int, case: Case, seconds: float, stop: threading.Event) -> dict[str, object]:
+def _export_case(
+    folder: Path, seed: str, index: int, case: Case, seconds: float, stop: threading.Event
+) -> dict[str, object]:
     folder.mkdir(exist_ok=True)
-    write_whole(folder / "robot.toml", case.robot.toml().encode())
+    write_atomically(folder / "robot.toml", case.robot.toml().encode())
     request = {"seed": seed, "kind": case.kind, "index": index, "seconds": seconds}
-    told = ask({**request, "motion": "log", "out": str(folder / "log.parquet")}, folder, stop)
-    ask(
+    told = request_log({**request, "motion": "log", "out": str(folder / "log.parquet")}, folder, stop)
+    request_log(
         {**request, "motion": "hold_out", "out": str(folder / "hold_out.parquet"), "truth": told["parameters"]},
         folder,
         stop,

@@ -20,7 +20,7 @@ class Figure:
     low: float
     high: float
 
-    def json(self) -> dict[str, float | None]:
+    def as_json(self) -> dict[str, float | None]:
         """The fields as JSON takes them: JSON has no NaN."""
         return {key: finite_or_none(value) for key, value in asdict(self).items()}
 
@@ -40,41 +40,41 @@ def finite_or_none(value: float) -> float | None:
     return None
 
 
-NONE = Figure(math.nan, 0, math.nan, math.nan)
+NO_FIGURE = Figure(math.nan, 0, math.nan, math.nan)
 
 
-def rate(hits: Sequence[bool]) -> Figure:
+def estimate_rate(hits: Sequence[bool]) -> Figure:
     """Estimate the share of hits, with Wilson's interval.
 
     Args:
         hits: one Boolean a case.
 
     Returns:
-        The share with its 95 % interval; `NONE` without a case.
+        The share with its 95 % interval; `NO_FIGURE` without a case.
 
     Source:
         E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209.
 
     """
-    return _share(sum(hits), len(hits))
+    return _wilson_interval(sum(hits), len(hits))
 
 
-def rates_together(parts: Sequence[Figure]) -> Figure:
+def pool_rates(parts: Sequence[Figure]) -> Figure:
     """Pool shares into the share over all their cases.
 
     Args:
-        parts: shares that `rate` made of disjoint cases.
+        parts: shares that `estimate_rate` made of disjoint cases.
 
     Returns:
-        The share over the cases of all parts, as `rate` would give it.
+        The share over the cases of all parts, as `estimate_rate` would give it.
 
     """
-    return _share(sum(round(one.value * one.count) for one in parts), sum(one.count for one in parts))
+    return _wilson_interval(sum(round(one.value * one.count) for one in parts), sum(one.count for one in parts))
 
 
-def _share(hits: int, n: int) -> Figure:
+def _wilson_interval(hits: int, n: int) -> Figure:
     if not n:
-        return NONE
+        return NO_FIGURE
     share = hits / n
     middle = (share + _Z * _Z / (2 * n)) / (1 + _Z * _Z / n)
     half = _Z / (1 + _Z * _Z / n) * math.sqrt(share * (1 - share) / n + _Z * _Z / (4 * n * n))
@@ -87,19 +87,19 @@ def _share(hits: int, n: int) -> Figure:
     return Figure(share, n, low, high)
 
 
-def mean(values: Sequence[float]) -> Figure:
+def estimate_mean(values: Sequence[float]) -> Figure:
     """Estimate a mean, with the normal interval of its standard error.
 
     Args:
         values: one number a case.
 
     Returns:
-        The mean with its 95 % interval. Of a single value the interval is NaN; without a value `NONE`.
+        The mean with its 95 % interval. Of a single value the interval is NaN; without a value `NO_FIGURE`.
 
     """
     n = len(values)
     if not n:
-        return NONE
+        return NO_FIGURE
     middle = float(np.mean(values))
     half = math.nan
     if n > 1:
@@ -107,7 +107,7 @@ def mean(values: Sequence[float]) -> Figure:
     return Figure(middle, n, middle - half, middle + half)
 
 
-def means_together(parts: Sequence[Figure]) -> Figure:
+def pool_means(parts: Sequence[Figure]) -> Figure:
     """Pool means into the mean over all their cases.
 
     Args:
@@ -129,19 +129,19 @@ def means_together(parts: Sequence[Figure]) -> Figure:
     return Figure(middle, n, middle - half, middle + half)
 
 
-def median(values: Sequence[float]) -> Figure:
+def estimate_median(values: Sequence[float]) -> Figure:
     """Estimate a median, with the interval between order statistics.
 
     Args:
         values: one number a case.
 
     Returns:
-        The median with its 95 % interval, from the normal approximation of the ranks; without a value `NONE`.
+        The median with its 95 % interval, from the normal approximation of the ranks; without a value `NO_FIGURE`.
 
     """
     n = len(values)
     if not n:
-        return NONE
+        return NO_FIGURE
     ordered = np.sort(np.asarray(values, float))
     half = 0.5 * _Z * math.sqrt(n)
     low, high = max(math.floor(0.5 * n - half), 0), min(math.ceil(0.5 * n + half), n - 1)

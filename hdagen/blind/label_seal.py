@@ -21,7 +21,7 @@ class Seal:
     count: int
 
 
-def close(labels: Mapping[str, Any], seed: str) -> Seal:
+def seal_labels(labels: Mapping[str, Any], seed: str) -> Seal:
     """Seal labels; equal labels and seeds give equal seals, so that an interrupted check can go on.
 
     Args:
@@ -37,19 +37,19 @@ def close(labels: Mapping[str, Any], seed: str) -> Seal:
     return Seal(hashlib.sha256(f"{nonce}\n{text}".encode()).hexdigest(), len(labels))
 
 
-def open_(labels: Mapping[str, Any], seed: str, seal: Seal) -> None:
+def verify_seal(labels: Mapping[str, Any], seed: str, seal: Seal) -> None:
     """Verify that labels are the sealed ones.
 
     Args:
         labels: the label of each case, by the case's name.
         seed: the seed of the check.
-        seal: the seal that `close` made before the check.
+        seal: the seal that `seal_labels` made before the check.
 
     Raises:
         SealError: the labels or the seed differ from the sealed ones.
 
     """
-    found = close(labels, seed)
+    found = seal_labels(labels, seed)
     if found != seal:
         raise SealError(
             f"the labels are not those that were sealed: their hash is {found.digest}, sealed was {seal.digest}; "
@@ -57,7 +57,7 @@ def open_(labels: Mapping[str, Any], seed: str, seal: Seal) -> None:
         )
 
 
-def seed_hash(seed: str) -> str:
+def hash_seed(seed: str) -> str:
     """Hash a seed, so that it can be recognised without being revealed.
 
     Args:

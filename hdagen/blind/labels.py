@@ -6,7 +6,7 @@ import math
 
 from hdagen.blind.confidence_intervals import Figure
 
-WORDS = {
+FIGURE_LABELS = {
     "effect": "effect right",
     "effect_and_joint": "effect and joint right",
     "joint": "joint right",
@@ -35,14 +35,14 @@ WORDS = {
     "seconds": "seconds a diagnosis, median",
     "failed": "failed",
 }
-_PLAIN = {"brier": "", "seconds": " s"}  # units of the figures that are not shares
+_NOT_SHARES = {"brier": "", "seconds": " s"}  # units of the figures that are not shares
 
 
-def said(name: str, figure: Figure) -> str:
+def format_figure(name: str, figure: Figure) -> str:
     """Format a figure with its interval.
 
     Args:
-        name: key of `WORDS`; it decides the unit.
+        name: key of `FIGURE_LABELS`; it decides the unit.
         figure: value and 95 % interval; a share lies between 0 and 1.
 
     Returns:
@@ -50,8 +50,8 @@ def said(name: str, figure: Figure) -> str:
 
     """
     scale, unit = 100.0, " %"
-    if name in _PLAIN:
-        scale, unit = 1.0, _PLAIN[name]
+    if name in _NOT_SHARES:
+        scale, unit = 1.0, _NOT_SHARES[name]
     value = f"{scale * figure.value:.3g}{unit}"
     if not (math.isfinite(figure.low) and math.isfinite(figure.high)):
         return value

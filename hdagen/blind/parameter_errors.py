@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.blind.confidence_intervals import Figure, median, rate
-from hdagen.blind.realities.two_joint_arms import DRIVE
+from hdagen.blind.confidence_intervals import Figure, estimate_median, estimate_rate
+from hdagen.blind.realities.two_joint_arms import NOMINAL_DRIVE
 from hdagen.blind.scores import Row
 
 Values = Mapping[str, float]
@@ -17,7 +17,7 @@ _STANDARD_DEVIATIONS = 2.0
 
 
 @dataclass(frozen=True)
-class Compared:
+class ParameterComparison:
     """A quantity of an effect: ``true`` from the reality's parameters, ``found`` from those of diagnosis.json."""
 
     effect: str
@@ -29,27 +29,35 @@ class Compared:
 
 
 @dataclass(frozen=True)
-class Line:
+class ComparisonLine:
     """A quantity over all cases that have it. ``error``: median of the absolute relative error; ``within``: share of
     cases whose truth lies within two standard deviations; ``pairs``: (true, found)."""
 
-    compared: Compared
+    compared: ParameterComparison
     error: Figure
     within: Figure
     pairs: tuple[tuple[float, float], ...]
 
 
-def _same(effect: str, words: str, unit: str, true: str, found: str) -> Compared:
-    return Compared(effect, words, unit, lambda t: t[true], lambda f: f[found], found)
+def _compare_value(effect: str, words: str, unit: str, true: str, found: str) -> ParameterComparison:
+    return ParameterComparison(effect, words, unit, lambda t: t[true], lambda f: f[found], found)
 
 
-def _length(effect: str, words: str, unit: str, true: str, *found: str) -> Compared:
-    return Compared(effect, words, unit, lambda t: abs(t[true]), lambda f: math.hypot(*(f[name] for name in found)))
+def _compare_amplitude(effect: str, words: str, unit: str, true: str, *found: str) -> ParameterComparison:
+    return ParameterComparison(
+        effect, words, unit, lambda t: abs(t[true]), lambda f: math.hypot(*(f[name] for name in found))
+    )
 
 
-def _added(effect: str, key: str, true: str) -> Compared:
+def _compare_change(effect: str, key: str, true: str) -> ParameterComparison:
     """Compare a base parameter that the effect moves; its scatter is part of the found change."""
-    return Compared(effect, "change", "as nominal", lambda t: t[true] / DRIVE[key], lambda f: f[key] / DRIVE[key] - 1.0)
+    return ParameterComparison(
+        effect,
+        "change",
+        "as nominal",
+        lambda t: t[true] / NOMINAL_DRIVE[key],
+        lambda f: f[key] / NOMINAL_DRIVE[key] - 1.0,
+    )
 
 
 def _stiffer_wall(found: Values) -> str:
@@ -59,71 +67,75 @@ def _stiffer_wall(found: Values) -> str:
     return "contact_below"
 
 
-COMPARED: tuple[Compared, ...] = (
-    _same("torque_ripple", "order", "a turn", "order", "ripple_order"),
-    _length("torque_ripple", "torque", "N m", "torque", "ripple_sine", "ripple_cosine"),
-    _length(
+PARAMETER_COMPARISONS: tuple[ParameterComparison, ...] = (
+    _compare_value("torque_ripple", "order", "a turn", "order", "ripple_order"),
+    _compare_amplitude("torque_ripple", "torque", "N m", "torque", "ripple_sine", "ripple_cosine"),
+    _compare_amplitude(
         "kinematic_error", "amplitude twice a turn", "rad", "twice", "kinematic_sine_twice", "kinematic_cosine_twice"
     ),
-    _length("kinematic_error", "amplitude once a turn", "rad", "once", "kinematic_sine_once", "kinematic_cosine_once"),
-    _same("command_delay", "time", "s", "time", "command_delay"),
-    _same("current_loop_lag", "time constant", "s", "time", "current_lag"),
-    _same("sensor_delay", "time", "s", "time", "sensor_delay"),
-    _same("thermal_friction", "time constant", "s", "time", "thermal_time"),
-    _same("stribeck_friction", "speed", "rad/s", "speed", "stribeck_speed"),
-    _same("stribeck_friction", "torque", "N m", "torque", "stribeck_torque"),
-    _same("presliding_friction", "angle", "rad", "angle", "presliding_angle"),
-    _same("presliding_friction", "share", "1", "share", "presliding_share"),
-    _same("load_dependent_friction", "share", "1", "share", "load_share"),
-    _same("transmission_hysteresis", "torque", "N m", "torque", "hysteresis_torque"),
-    _same("transmission_hysteresis", "angle", "rad", "angle", "hysteresis_angle"),
-    _same("backlash", "width", "rad", "width", "backlash_angle"),
-    _same("stiffness", "factor", "1", "factor", "stiffness_level"),
-    _same("torque_constant", "factor", "1", "factor", "torque_gain"),
-    _added("coulomb_friction", "coulomb_friction", "torque"),
-    _added("viscous_friction", "viscous_friction", "coefficient"),
-    _same("coulomb_friction", "level", "N m", "size", "coulomb_friction"),
-    _same("viscous_friction", "level", "N m s/rad", "size", "viscous_friction"),
-    Compared(
+    _compare_amplitude(
+        "kinematic_error", "amplitude once a turn", "rad", "once", "kinematic_sine_once", "kinematic_cosine_once"
+    ),
+    _compare_value("command_delay", "time", "s", "time", "command_delay"),
+    _compare_value("current_loop_lag", "time constant", "s", "time", "current_lag"),
+    _compare_value("sensor_delay", "time", "s", "time", "sensor_delay"),
+    _compare_value("thermal_friction", "time constant", "s", "time", "thermal_time"),
+    _compare_value("stribeck_friction", "speed", "rad/s", "speed", "stribeck_speed"),
+    _compare_value("stribeck_friction", "torque", "N m", "torque", "stribeck_torque"),
+    _compare_value("presliding_friction", "angle", "rad", "angle", "presliding_angle"),
+    _compare_value("presliding_friction", "share", "1", "share", "presliding_share"),
+    _compare_value("load_dependent_friction", "share", "1", "share", "load_share"),
+    _compare_value("transmission_hysteresis", "torque", "N m", "torque", "hysteresis_torque"),
+    _compare_value("transmission_hysteresis", "angle", "rad", "angle", "hysteresis_angle"),
+    _compare_value("backlash", "width", "rad", "width", "backlash_angle"),
+    _compare_value("stiffness", "factor", "1", "factor", "stiffness_level"),
+    _compare_value("torque_constant", "factor", "1", "factor", "torque_gain"),
+    _compare_change("coulomb_friction", "coulomb_friction", "torque"),
+    _compare_change("viscous_friction", "viscous_friction", "coefficient"),
+    _compare_value("coulomb_friction", "level", "N m", "size", "coulomb_friction"),
+    _compare_value("viscous_friction", "level", "N m s/rad", "size", "viscous_friction"),
+    ParameterComparison(
         "joint_damping",
         "factor",
         "1",
         lambda t: t["factor"],
-        lambda f: f["torsional_damping"] / DRIVE["torsional_damping"],
+        lambda f: f["torsional_damping"] / NOMINAL_DRIVE["torsional_damping"],
     ),
-    Compared("current_saturation", "limit", "A", lambda t: t["limit"], lambda f: 1.0 / f["saturation_inverse"]),
-    _same("payload", "mass", "kg", "mass", "payload_mass"),
-    Compared(
+    ParameterComparison(
+        "current_saturation", "limit", "A", lambda t: t["limit"], lambda f: 1.0 / f["saturation_inverse"]
+    ),
+    _compare_value("payload", "mass", "kg", "mass", "payload_mass"),
+    ParameterComparison(
         "gravity_tilt",
         "angle",
         "rad",
         lambda t: abs(t["angle"]),
         lambda f: math.asin(min(math.hypot(f["tilt_x"], f["tilt_y"]) / 9.81, 1.0)),
     ),
-    _same("cable_spring", "stiffness", "N m/rad", "stiffness", "cable_stiffness"),
-    Compared(
+    _compare_value("cable_spring", "stiffness", "N m/rad", "stiffness", "cable_stiffness"),
+    ParameterComparison(
         "contact",
         "angle",
         "rad",
         lambda t: t["angle"],
         lambda f: f[_stiffer_wall(f)],
     ),
-    _length("encoder_eccentricity", "amplitude", "rad", "share", "eccentricity_sine", "eccentricity_cosine"),
+    _compare_amplitude("encoder_eccentricity", "amplitude", "rad", "share", "eccentricity_sine", "eccentricity_cosine"),
 )
 
 
-def compare(rows: Sequence[Row]) -> list[Line]:
+def compare_parameters(rows: Sequence[Row]) -> list[ComparisonLine]:
     """Compare true and found parameters.
 
     Args:
         rows: the scored cases.
 
     Returns:
-        A line for each quantity of `COMPARED` that at least one right verdict states.
+        A line for each quantity of `PARAMETER_COMPARISONS` that at least one right verdict states.
 
     """
     lines = []
-    for one in COMPARED:
+    for one in PARAMETER_COMPARISONS:
         pairs, inside = [], []
         for row in rows:
             for key in set(row.truth) & set(row.verdict):
@@ -141,5 +153,5 @@ def compare(rows: Sequence[Row]) -> list[Line]:
                     inside.append(abs(pair[0] - pair[1]) <= _STANDARD_DEVIATIONS * float(std))
         if pairs:
             errors = [abs(found - true) / abs(true) for true, found in pairs if np.isfinite(found)]
-            lines.append(Line(one, median(errors), rate(inside), tuple(pairs)))
+            lines.append(ComparisonLine(one, estimate_median(errors), estimate_rate(inside), tuple(pairs)))
     return lines

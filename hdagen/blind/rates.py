@@ -20,23 +20,23 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from hdagen.blind.blind_page import KINDS
-from hdagen.blind.confidence_intervals import Figure, means_together, rates_together
-from hdagen.blind.labels import WORDS, said
+from hdagen.blind.blind_page import KIND_TITLES
+from hdagen.blind.confidence_intervals import Figure, pool_means, pool_rates
+from hdagen.blind.labels import FIGURE_LABELS, format_figure
 from hdagen.blind.required_rates import BARS, Bar
-from hdagen.blind.scores import Row, summary
+from hdagen.blind.scores import Row, summarize_rows
 from hdagen.diagnosis.decision import calibration
-from hdagen.diagnosis.decision.calibration import LARGEST
-from hdagen.support.atomic_write import write_whole
+from hdagen.diagnosis.decision.calibration import LARGEST_FILE_BYTES
+from hdagen.support.atomic_write import write_atomically
 from hdagen.support.input_file import InputFileError, read_json
 
-NUMBERS = {one.name for one in fields(Row) if one.type == "float"}
-MEANS = {"p_truth", "brier", "pair_f1"}
-NOT_COUNTED = {"calibration_error", "closed", "achieved", "seconds"}  # the others are shares
-KEPT = ("cases", "seconds", "version", "machine", "seal", "seed", "seed_hash")
+NUMBER_FIELDS = {one.name for one in fields(Row) if one.type == "float"}
+MEAN_FIGURES = {"p_truth", "brier", "pair_f1"}
+UNPOOLED_FIGURES = {"calibration_error", "closed", "achieved", "seconds"}  # the others are shares
+KEPT_KEYS = ("cases", "seconds", "version", "machine", "seal", "seed", "seed_hash")
 
 
-def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def combine_checks(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Combine checks by kind.
 
     Args:
@@ -60,16 +60,16 @@ def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             raise ValueError(f"{kind}: the probabilities were calibrated on {', '.join(tuned)}; give other checks.")
         rows = [row for part in parts_of for row in part.get("rows", [])]
         gone = [_figures_without_rows(part) for part in parts_of]
-        before = _together([one for one in gone if one])
-        scored = [_row(row, kind) for row in rows]
-        figures = _together([one for one in (before, summary(scored)) if one])
-        if lasted := _lasted(parts_of[-1], kind):
+        before = _pool_figures([one for one in gone if one])
+        scored = [_read_row(row, kind) for row in rows]
+        figures = _pool_figures([one for one in (before, summarize_rows(scored)) if one])
+        if lasted := _last_duration(parts_of[-1], kind):
             figures["seconds"] = lasted
         found[kind] = {
             "cases": sum(part["cases"] for part in parts_of),
-            "summary": {name: figure.json() for name, figure in figures.items()},
+            "summary": {name: figure.as_json() for name, figure in figures.items()},
             "checks": checks,
-            "without_rows": {name: figure.json() for name, figure in before.items()},
+            "without_rows": {name: figure.as_json() for name, figure in before.items()},
             "rows": rows,
         }
     return found
@@ -81,7 +81,7 @@ def _parts_by_kind(reports: Sequence[Mapping[str, Any]]) -> dict[str, list[Mappi
     for report in reports:
         parts = report
         if "kind" in report:
-            parts = {report["kind"]: _of_check(report)}
+            parts = {report["kind"]: _as_part(report)}
         for kind, part in parts.items():
             kinds.setdefault(kind, []).append(part)
     return kinds
@@ -90,54 +90,54 @@ def _parts_by_kind(reports: Sequence[Mapping[str, Any]]) -> dict[str, list[Mappi
 def _figures_without_rows(part: Mapping[str, Any]) -> dict[str, Figure]:
     """The figures of a part's cases that are not among its rows."""
     if "rows" in part:
-        return _figures(part["without_rows"])
-    return _figures(part["summary"])
+        return _read_figures(part["without_rows"])
+    return _read_figures(part["summary"])
 
 
-def _of_check(report: Mapping[str, Any]) -> dict[str, Any]:
+def _as_part(report: Mapping[str, Any]) -> dict[str, Any]:
     """A check's own report as a part of a combined file."""
-    check = {key: report[key] for key in KEPT}
+    check = {key: report[key] for key in KEPT_KEYS}
     return {"cases": report["cases"], "checks": [check], "without_rows": {}, "rows": report["rows"]}
 
 
-def _figures(stated: Mapping[str, Any]) -> dict[str, Figure]:
-    found = {name: _figure(one) for name, one in stated.items()}
+def _read_figures(stated: Mapping[str, Any]) -> dict[str, Figure]:
+    found = {name: _read_figure(one) for name, one in stated.items()}
     return {name: one for name, one in found.items() if one is not None}
 
 
-def _lasted(part: Mapping[str, Any], kind: str) -> Figure | None:
+def _last_duration(part: Mapping[str, Any], kind: str) -> Figure | None:
     """The duration of a diagnosis in the last check of a part."""
     if "summary" in part:
-        return _figure(part["summary"].get("seconds"))
-    return summary([_row(row, kind) for row in part["rows"]]).get("seconds")
+        return _read_figure(part["summary"].get("seconds"))
+    return summarize_rows([_read_row(row, kind) for row in part["rows"]]).get("seconds")
 
 
-def _together(parts: Sequence[Mapping[str, Figure]]) -> dict[str, Figure]:
+def _pool_figures(parts: Sequence[Mapping[str, Figure]]) -> dict[str, Figure]:
     """Figures over the cases of all parts, by name."""
     if len(parts) == 1:
         return dict(parts[0])
     found = {}
     for name in dict.fromkeys(name for part in parts for name in part):
         each = [part[name] for part in parts if name in part]
-        if name in MEANS:
-            found[name] = means_together(each)
-        elif name in NOT_COUNTED:
+        if name in MEAN_FIGURES:
+            found[name] = pool_means(each)
+        elif name in UNPOOLED_FIGURES:
             found[name] = max(each, key=lambda one: one.count)
         else:
-            found[name] = rates_together(each)
+            found[name] = pool_rates(each)
     return found
 
 
-def _row(stated: Mapping[str, Any], kind: str) -> Row:
+def _read_row(stated: Mapping[str, Any], kind: str) -> Row:
     """A row of a ``kind`` from blind.json, where lists stand for tuples and null for NaN."""
     values: dict[str, Any] = {"kind": kind} | dict(stated)
     for key, value in values.items():
         if isinstance(value, list):
             values[key] = tuple(value)
-    return Row(**(values | {key: math.nan for key in NUMBERS if values.get(key) is None}))
+    return Row(**(values | {key: math.nan for key in NUMBER_FIELDS if values.get(key) is None}))
 
 
-def table(checks: Mapping[str, Any]) -> str:
+def render_table(checks: Mapping[str, Any]) -> str:
     """Render the figures that have a bar.
 
     Args:
@@ -152,15 +152,15 @@ def table(checks: Mapping[str, Any]) -> str:
         if kind not in checks:
             continue
         for bar in bars:
-            found = _figure(checks[kind]["summary"].get(bar.figure))
+            found = _read_figure(checks[kind]["summary"].get(bar.figure))
             if found is not None:
-                outcome = "met" if bar.met(found) else "missed"
+                outcome = "met" if bar.is_met_by(found) else "missed"
                 cells = (
-                    KINDS[kind],
+                    KIND_TITLES[kind],
                     str(found.count),
-                    WORDS[bar.figure],
+                    FIGURE_LABELS[bar.figure],
                     _describe_limit(bar),
-                    said(bar.figure, found),
+                    format_figure(bar.figure, found),
                     outcome,
                 )
                 lines.append(f"| {' | '.join(cells)} |")
@@ -175,7 +175,7 @@ def _describe_limit(bar: Bar) -> str:
     return f"{side} {100 * bar.value:g} %"
 
 
-def _figure(stated: Mapping[str, Any] | None) -> Figure | None:
+def _read_figure(stated: Mapping[str, Any] | None) -> Figure | None:
     if stated is None or stated["value"] is None:
         return None
     ends = [stated[key] for key in ("low", "high")]
@@ -190,19 +190,19 @@ def main() -> int:
     p.add_argument("--out", type=Path, help="the combined file")
     options = p.parse_args()
     try:
-        read = [read_json(path, LARGEST, "`hdagen blind` writes a blind.json") for path in options.files]
+        read = [read_json(path, LARGEST_FILE_BYTES, "`hdagen blind` writes a blind.json") for path in options.files]
     except InputFileError as error:
         print(error, file=sys.stderr)
         return 2
     if options.out:
         try:
-            content = combined(read)
+            content = combine_checks(read)
         except ValueError as error:
             print(error, file=sys.stderr)
             return 2
-        write_whole(options.out, (json.dumps(content, indent=1) + "\n").encode())
+        write_atomically(options.out, (json.dumps(content, indent=1) + "\n").encode())
         return 0
-    sys.stdout.write(table(read[0]))
+    sys.stdout.write(render_table(read[0]))
     return 0
 
 

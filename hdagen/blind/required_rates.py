@@ -16,7 +16,7 @@ class Bar:
     value: float
     most: bool = False
 
-    def met(self, found: Figure) -> bool:
+    def is_met_by(self, found: Figure) -> bool:
         """Tell whether a figure reaches the bar; its interval does not count.
 
         Args:
@@ -31,7 +31,7 @@ class Bar:
         return found.value >= self.value
 
 
-_EVERY = (
+_COMMON_BARS = (
     Bar("closed", 0.9),
     Bar("achieved", 0.9),
     Bar("worse", 0.0, most=True),
@@ -39,18 +39,18 @@ _EVERY = (
     Bar("failed", 0.0, most=True),
 )
 BARS: Mapping[str, tuple[Bar, ...]] = {
-    "single": (Bar("effect", 0.95), Bar("joint", 0.98), Bar("place", 0.98), Bar("p_truth", 0.85), *_EVERY),
-    "background": (Bar("effect", 0.92), Bar("calibration_error", 0.05, most=True), *_EVERY),
-    "none": (Bar("false_alarm", 0.01, most=True), *_EVERY[2:]),
-    "unknown": (Bar("unknown_found_at_joint", 0.9), *_EVERY[2:]),
-    "unknown+one": (Bar("both_said", 0.8), *_EVERY[2:]),
-    "pair": (Bar("pair_f1", 0.85), *_EVERY),
-    "task": (Bar("effect", 0.8), Bar("confounded_where_wrong", 0.95), *_EVERY),
+    "single": (Bar("effect", 0.95), Bar("joint", 0.98), Bar("place", 0.98), Bar("p_truth", 0.85), *_COMMON_BARS),
+    "background": (Bar("effect", 0.92), Bar("calibration_error", 0.05, most=True), *_COMMON_BARS),
+    "none": (Bar("false_alarm", 0.01, most=True), *_COMMON_BARS[2:]),
+    "unknown": (Bar("unknown_found_at_joint", 0.9), *_COMMON_BARS[2:]),
+    "unknown+one": (Bar("both_said", 0.8), *_COMMON_BARS[2:]),
+    "pair": (Bar("pair_f1", 0.85), *_COMMON_BARS),
+    "task": (Bar("effect", 0.8), Bar("confounded_where_wrong", 0.95), *_COMMON_BARS),
     "joint": (
         Bar("named", 0.9),
         Bar("sizes_within", 0.9),
         Bar("after_within", 0.9),
         Bar("sure_and_wrong", 0.02, most=True),
-        *_EVERY[2:],
+        *_COMMON_BARS[2:],
     ),
 }

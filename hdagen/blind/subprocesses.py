@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hdagen.support.child_processes import start_together
+from hdagen.support.child_processes import start_child_process
 
 _PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "CC", "LD_LIBRARY_PATH")
 _PACKAGE = Path(__file__).parents[2]
-_LOOK = 0.05  # s between looks at whether to stop
-MAKER = (sys.executable, "-P", "-m", "hdagen.blind.realities.log_maker")
+_POLL_SECONDS = 0.05  # s between looks at whether to stop
+MAKE_COMMAND = (sys.executable, "-P", "-m", "hdagen.blind.realities.log_maker")
 
 
 class ChildError(Exception):
@@ -26,7 +26,7 @@ class ChildError(Exception):
 
 
 @dataclass(frozen=True)
-class Ended:
+class CommandResult:
     """A command's exit ``code``, its standard output ``printed``, the last ``words`` on standard error, and its
     duration in ``seconds``."""
 
@@ -50,7 +50,7 @@ def clean_environment(builds: Path) -> dict[str, str]:
     return {**known, "PYTHONPATH": str(_PACKAGE), "HDAGEN_BUILD": str(builds.absolute())}
 
 
-def ask(request: Mapping[str, Any], builds: Path, stop: threading.Event) -> dict[str, Any]:
+def request_log(request: Mapping[str, Any], builds: Path, stop: threading.Event) -> dict[str, Any]:
     """Have `hdagen.blind.realities.log_maker` write a log; seed and truth pass through pipes and memory only.
 
     Args:
@@ -65,20 +65,20 @@ def ask(request: Mapping[str, Any], builds: Path, stop: threading.Event) -> dict
         ChildError: the log could not be made, or ``stop`` was set.
 
     """
-    ended = run(MAKER, Path.cwd(), builds, stop, told=json.dumps(request))
+    ended = run_command(MAKE_COMMAND, Path.cwd(), builds, stop, told=json.dumps(request))
     if ended.code:
         raise ChildError(f"the case could not be simulated: {ended.words}")
     return dict(json.loads(ended.printed))
 
 
-def run(
+def run_command(
     command: Sequence[str],
     folder: Path,
     builds: Path,
     stop: threading.Event,
     most_seconds: float = 3600.0,
     told: str = "",
-) -> Ended:
+) -> CommandResult:
     """Run a command; an interrupt from the keyboard reaches it through ``stop`` only.
 
     Args:
@@ -98,11 +98,11 @@ def run(
     """
     start, pipe = time.monotonic(), subprocess.PIPE
     how = {"cwd": folder, "env": clean_environment(builds), "stdin": pipe, "stdout": pipe, "stderr": pipe, "text": True}
-    with start_together(command, **how) as child:
+    with start_child_process(command, **how) as child:
         given: str | None = told
         while True:
             try:
-                printed, complained = child.communicate(given, timeout=_LOOK)
+                printed, complained = child.communicate(given, timeout=_POLL_SECONDS)
                 break
             except subprocess.TimeoutExpired:
                 given = None  # the first call's input is still being sent
@@ -110,10 +110,10 @@ def run(
                     raise ChildError("stopped") from None
                 if time.monotonic() - start > most_seconds:
                     raise ChildError(f"it was stopped after {most_seconds:g} s") from None
-    return Ended(child.returncode, printed, _last(complained), time.monotonic() - start)
+    return CommandResult(child.returncode, printed, _last_line(complained), time.monotonic() - start)
 
 
-def _last(words: str) -> str:
+def _last_line(words: str) -> str:
     lines = [line.strip() for line in words.splitlines() if line.strip()]
     if not lines:
         return "without a word"

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hdagen.adoption.robot_update import Adopted
+    from hdagen.adoption.robot_update import AdoptedRobot
 
-EXAMPLE = """example:
+ADOPT_EXAMPLE = """example:
   hdagen adopt diagnosis-log/diagnosis.json robot.toml --dry-run
   hdagen adopt diagnosis-log/diagnosis.json robot.toml --out robot.new.toml
   hdagen replay robot.new.toml log.parquet
@@ -33,7 +33,7 @@ def add_parser(commands: Any) -> None:
         help="write the verdict of a diagnosis into the robot file",
         description="Writes the robot file anew with the verdict of a diagnosis in it: base parameters within their "
         "tolerance, effects as [[effect]] tables, comments and layout as they are.",
-        epilog=EXAMPLE,
+        epilog=ADOPT_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("diagnosis", type=Path, metavar="diagnosis.json", help="what hdagen diagnose wrote")
@@ -62,11 +62,11 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         _print_json(options, adopted)
     else:
-        _print(options, adopted)
+        _print_changes(options, adopted)
     return DONE
 
 
-def _print_json(options: argparse.Namespace, adopted: Adopted) -> None:
+def _print_json(options: argparse.Namespace, adopted: AdoptedRobot) -> None:
     said = {
         "robot": str(options.robot),
         "diagnosis": str(options.diagnosis),
@@ -78,7 +78,7 @@ def _print_json(options: argparse.Namespace, adopted: Adopted) -> None:
     print(json.dumps(said, indent=1))
 
 
-def _print(options: argparse.Namespace, adopted: Adopted) -> None:
+def _print_changes(options: argparse.Namespace, adopted: AdoptedRobot) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table

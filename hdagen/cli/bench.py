@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from hdagen.bench.benchmark import Bar, Bench
+    from hdagen.bench.benchmark import BenchRequirement, BenchResult
 
 ROBOT = "paper"  # of which the bars are
-EXAMPLE = """example:
+BENCH_EXAMPLE = """example:
   hdagen bench --quick
   hdagen bench robot.toml --json
 ratios hold within a run; on a machine that does other things the spread says so"""
@@ -31,7 +31,7 @@ def add_parser(commands: Any) -> None:
         "bench",
         help="time every compiled function and loop beside CasADi, against the bars",
         description="Times of a compiled robot beside CasADi's own in the same run, and sizes and errors of `paper`.",
-        epilog=EXAMPLE,
+        epilog=BENCH_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument(
@@ -58,55 +58,55 @@ def run(options: argparse.Namespace) -> int:
     from rich.console import Console
 
     from hdagen.arm.build_loader import PlantError
-    from hdagen.bench.benchmark import bench
+    from hdagen.bench.benchmark import run_bench
 
     if options.mpc and options.robot != ROBOT:
         raise PlantError(f"--mpc: its closed loop and its bars are of {ROBOT}; leave {options.robot} out.")
     if options.mpc:
-        return _predictive(options)
+        return _run_predictive(options)
     rounds = 300
     if options.quick:
         rounds = 30
     with Console(stderr=True).status("starting") as status:
-        found = bench(rounds, status.update, options.robot)
+        found = run_bench(rounds, status.update, options.robot)
     if options.json:
         print(json.dumps(asdict(found), indent=1))
     else:
-        _print(found)
+        _print_bench(found)
     return int(any(bar.met is False for bar in found.bars))
 
 
-def _predictive(options: argparse.Namespace) -> int:
+def _run_predictive(options: argparse.Namespace) -> int:
     """Measure the predictive controller, print, judge."""
     from rich.console import Console
 
     from hdagen.bench.host_computer import describe_machine
-    from hdagen.mpc.benchmark.requirements import RUNS, bench, lines
+    from hdagen.mpc.benchmark.requirements import RANDOM_RUNS, format_mpc_bench, run_mpc_bench
 
     machine = describe_machine()
-    runs = RUNS
+    runs = RANDOM_RUNS
     if options.runs is not None:
         runs = max(0, options.runs)
     with Console(stderr=True).status("starting") as status:
-        found = bench("native", options.quick, runs, status.update)
+        found = run_mpc_bench("native", options.quick, runs, status.update)
     if options.json:
         print(json.dumps({"machine": machine, **asdict(found)}, indent=1))
     else:
-        print("\n".join(lines(found)))
-    return int(any(not bar.met for bar in found.bars))
+        print("\n".join(format_mpc_bench(found)))
+    return int(any(not bar.is_met for bar in found.bars))
 
 
-def _print(found: Bench) -> None:
+def _print_bench(found: BenchResult) -> None:
     from rich.console import Console
 
     console = Console()
     if not sys.stdout.isatty():  # a file has no width that a table must keep to
         console = Console(width=130)
     console.print(", ".join(f"{key}: {value}" for key, value in found.machine.items()))
-    console.print(_times(found))
+    console.print(_build_times_table(found))
     if found.bars:
-        console.print(_bars(found.bars))
-    if found.noisy:
+        console.print(_build_bars_table(found.bars))
+    if found.is_noisy:
         console.print("The ratios vary much: this machine does other things; on an idle one they are steadier.")
     missed = [bar.name for bar in found.bars if bar.met is False]
     if missed:
@@ -117,7 +117,7 @@ def _print(found: Bench) -> None:
         console.print(f"bars are of {ROBOT} alone")
 
 
-def _times(found: Bench) -> Table:
+def _build_times_table(found: BenchResult) -> Table:
     from rich.table import Table
 
     title = "native profile, ns a call: in a row beside the others in the same run, then single calls; of loops a step"
@@ -133,7 +133,7 @@ def _times(found: Bench) -> Table:
     return table
 
 
-def _bars(bars: tuple[Bar, ...]) -> Table:
+def _build_bars_table(bars: tuple[BenchRequirement, ...]) -> Table:
     from rich.table import Table
 
     table = Table(title="bars: median over rounds, with the range from 10 to 90 %")
@@ -143,11 +143,11 @@ def _bars(bars: tuple[Bar, ...]) -> Table:
         sign = {"least": "≥", "most": "≤"}[bar.bound]
         low, high = bar.spread
         reached = (f"{bar.reached:.3g}", f"{low:.3g} to {high:.3g}")
-        table.add_row(bar.name, f"{sign} {bar.bar:g} {bar.unit}", *reached, _judgement(bar))
+        table.add_row(bar.name, f"{sign} {bar.bar:g} {bar.unit}", *reached, _format_judgement(bar))
     return table
 
 
-def _judgement(bar: Bar) -> str:
+def _format_judgement(bar: BenchRequirement) -> str:
     if bar.met is None:
         return "not judged here"
     if bar.met:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hdagen.blind.blind_report import Report
 
-EXAMPLE = """example:
+BLIND_EXAMPLE = """example:
   hdagen blind --kind single --cases 200
   hdagen blind --kind background --cases 200 --calibrate background.json
   hdagen blind --kind task --cases 24 --write made-here
@@ -38,7 +38,7 @@ def add_parser(commands: Any) -> None:
         help="check the diagnosis on data whose effect is withheld",
         description="Makes realities by another simulator, seals their labels, has them diagnosed by processes that "
         "know nothing, opens the seal, scores, and writes blind.json and blind.html.",
-        epilog=EXAMPLE,
+        epilog=BLIND_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("--kind", choices=KINDS, required=True, help="what the realities have that the robot files lack")
@@ -68,11 +68,11 @@ def run(options: argparse.Namespace) -> int:
         The exit code: 1 where a bar is missed.
 
     """
-    from hdagen.blind import SECONDS
+    from hdagen.blind import LOG_SECONDS
 
     if options.seconds is None:
-        options.seconds = SECONDS[options.kind]
-    problems = _conflicts(options)
+        options.seconds = LOG_SECONDS[options.kind]
+    problems = _find_conflicts(options)
     if problems:
         print("\n".join(problems), file=sys.stderr)
         return USAGE
@@ -81,18 +81,20 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.blind.subprocesses import ChildError
     from hdagen.diagnosis.decision.calibration import CalibrationError
 
-    seed = _seed(options.seed)
+    seed = _choose_seed(options.seed)
     try:
         if options.write is not None:
-            from hdagen.blind.case_export import write
+            from hdagen.blind.case_export import export_cases
 
-            folder = write(options.write, options.kind, options.cases, seed, options.jobs, options.seconds, _progress())
+            folder = export_cases(
+                options.write, options.kind, options.cases, seed, options.jobs, options.seconds, _make_progress()
+            )
             if options.json:
                 print(json.dumps({"written": str(folder), "labels": "labels.json", "seed": seed}))
             else:
                 print(f"written: {folder}, with labels.json; seed {seed}")
             return DONE
-        return _check(options, seed)
+        return _run_check(options, seed)
     except (BlindError, CalibrationError, ChildError, SealError) as error:
         print(error, file=sys.stderr)
         return USAGE
@@ -105,7 +107,7 @@ def run(options: argparse.Namespace) -> int:
         return USAGE
 
 
-def _conflicts(options: argparse.Namespace) -> list[str]:
+def _find_conflicts(options: argparse.Namespace) -> list[str]:
     problems = [
         f"{name} {value}: possible is a whole number from 1 on."
         for name, value in (("--cases", options.cases), ("--jobs", options.jobs))
@@ -120,7 +122,7 @@ def _conflicts(options: argparse.Namespace) -> list[str]:
     return problems
 
 
-def _seed(given: str | None) -> str:
+def _choose_seed(given: str | None) -> str:
     if given is None:
         return secrets.token_hex(16)
     if given == "-":
@@ -128,7 +130,7 @@ def _seed(given: str | None) -> str:
     return given
 
 
-def _progress() -> Callable[[str], None]:
+def _make_progress() -> Callable[[str], None]:
     """A function that writes progress to standard error: on one line of a terminal, elsewhere a line each."""
 
     def write_line(words: str) -> None:
@@ -145,15 +147,15 @@ def _progress() -> Callable[[str], None]:
     return write_line
 
 
-def _check(options: argparse.Namespace, seed: str) -> int:
+def _run_check(options: argparse.Namespace, seed: str) -> int:
     from hdagen.blind import blind_page, calibrate
-    from hdagen.blind.blind_report import report, written
-    from hdagen.blind.label_seal import seed_hash
-    from hdagen.blind.sealed_check import BlindError, Check, check
+    from hdagen.blind.blind_report import make_report, render_report
+    from hdagen.blind.label_seal import hash_seed
+    from hdagen.blind.sealed_check import BlindError, Check, run_check
     from hdagen.diagnosis.decision import calibration
-    from hdagen.support.atomic_write import write_whole
+    from hdagen.support.atomic_write import write_atomically
 
-    if options.calibrate is None and seed_hash(seed) in calibration.read().seeds:
+    if options.calibrate is None and hash_seed(seed) in calibration.read().seeds:
         raise BlindError("this seed was calibrated on, so a check with it proves nothing; take another --seed.")
     asked = Check(
         options.kind,
@@ -164,26 +166,28 @@ def _check(options: argparse.Namespace, seed: str) -> int:
         options.out or Path(f"blind-{options.kind}"),
         options.keep,
     )
-    rows, closed = check(asked, _progress())
-    found = report(asked, closed, rows)
-    write_whole(asked.out / "blind.json", written(found).encode())
-    blind_page.write(asked.out / "blind.html", found)
+    rows, closed = run_check(asked, _make_progress())
+    found = make_report(asked, closed, rows)
+    write_atomically(asked.out / "blind.json", render_report(found).encode())
+    blind_page.write_page(asked.out / "blind.html", found)
     if options.calibrate is not None:
-        write_whole(options.calibrate, calibrate.data(rows, asked.kind, seed_hash(seed)).encode())
+        write_atomically(
+            options.calibrate, calibrate.render_calibration_data(rows, asked.kind, hash_seed(seed)).encode()
+        )
     if options.json:
-        print(written(found), end="")
+        print(render_report(found), end="")
     else:
-        _print(found)
+        _print_report(found)
     if all(met for _, _, met in found.bars):
         return DONE
     return BAR_MISSED
 
 
-def _print(found: Report) -> None:
+def _print_report(found: Report) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from hdagen.blind.labels import WORDS, said
+    from hdagen.blind.labels import FIGURE_LABELS, format_figure
 
     console = Console(highlight=False)
     limits = {}
@@ -198,17 +202,17 @@ def _print(found: Report) -> None:
                   title_justify="left")  # fmt: skip
     table.add_column("cases", justify="right")
     table.add_column("bar")
-    for name, words in WORDS.items():
+    for name, words in FIGURE_LABELS.items():
         if name in found.summary:
             figure = found.summary[name]
-            table.add_row(words, said(name, figure), str(figure.count), limits.get(name, ""))
+            table.add_row(words, format_figure(name, figure), str(figure.count), limits.get(name, ""))
     console.print(table)
     if found.lines:
-        console.print(_parameters(found))
+        console.print(_build_parameter_table(found))
     console.print(f"written: {found.asked.out / 'blind.json'} and {found.asked.out / 'blind.html'}", soft_wrap=True)
 
 
-def _parameters(found: Report) -> Any:
+def _build_parameter_table(found: Report) -> Any:
     """The table of orders, time constants and shapes."""
     from rich.table import Table
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hdagen.demo.demo_runs import Demo
+    from hdagen.demo.demo_runs import DemoResult
 
 DONE, BAR_MISSED = 0, 1
-EXAMPLE = """example:
+DEMO_EXAMPLE = """example:
   hdagen demo --out arm.html"""
 
 
@@ -32,7 +32,7 @@ def add_parser(commands: Any) -> None:
         description="Builds the dual-joint harmonic-drive arm, drives it around a circle under impedance and "
         "admittance control, pushes it, replays a log, and writes one page that opens offline. Exit code 1 if the tip "
         "misses the ideal mass-damper-spring motion by more than 10 % of its largest displacement.",
-        epilog=EXAMPLE,
+        epilog=DEMO_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("--out", type=Path, default=Path("hdagen-demo.html"), help="the page (default: hdagen-demo.html)")
@@ -59,24 +59,24 @@ def run(options: argparse.Namespace) -> int:
     if options.out.is_dir() or not options.out.parent.is_dir():
         raise PlantError(f"--out {options.out}: give the path of a file in a folder that exists, such as arm.html.")
     machine = describe_machine()
-    with _stages(Console(stderr=True)) as stage:
-        shown = demo_runs.show(options.profile, stage=stage)
+    with _show_stages(Console(stderr=True)) as stage:
+        shown = demo_runs.run_demo(options.profile, stage=stage)
         stage("writing the page")
         try:
-            demo_page.write(options.out, shown)
+            demo_page.write_demo_page(options.out, shown)
         except OSError as error:
             raise PlantError(f"{options.out}: {error.strerror}; choose another place with --out.") from None
     if options.json:
-        print(json.dumps({"machine": machine, "page": str(options.out), **demo_runs.numbers(shown)}, indent=1))
+        print(json.dumps({"machine": machine, "page": str(options.out), **demo_runs.summarize_demo(shown)}, indent=1))
     else:
-        _print(Console(), shown, options.out)
-    if shown.holds:
+        _print_demo(Console(), shown, options.out)
+    if shown.meets_bar:
         return DONE
     return BAR_MISSED
 
 
 @contextmanager
-def _stages(console: Console) -> Iterator[Callable[[str], None]]:
+def _show_stages(console: Console) -> Iterator[Callable[[str], None]]:
     """A function that shows each stage: by a spinner with the time on a terminal, elsewhere by a line."""
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -96,32 +96,37 @@ def _stages(console: Console) -> Iterator[Callable[[str], None]]:
         stage("done")
 
 
-def _print(console: Console, shown: Demo, out: Path) -> None:
+def _print_demo(console: Console, shown: DemoResult, out: Path) -> None:
     """A short table, and where the page is."""
     from rich.table import Table
 
-    from hdagen.demo.demo_runs import BAR
+    from hdagen.demo.demo_runs import LARGEST_GAP_SHARE
 
     table = Table("", "what", "value", box=None, pad_edge=False)
-    for one in shown.followed:
-        value = f"{1e3 * one.gap.max():.2f} mm, {100 * one.share:.1f} % of the ideal {1e3 * one.largest_ideal:.1f} mm"
+    for one in shown.circle_runs:
+        value = (
+            f"{1e3 * one.gap.max():.2f} mm, {100 * one.gap_share:.1f} % of the ideal {1e3 * one.largest_ideal:.1f} mm"
+        )
         mark = "missed"
-        if one.holds:
+        if one.meets_bar:
             mark = "ok"
         table.add_row(mark, f"{one.law}: largest gap", value)
     for replayed in shown.replays:
         origin = replayed.name
-        if not replayed.real:
+        if not replayed.is_measured:
             origin += " (simulated)"
-        for channel in replayed.channels:
+        for channel in replayed.joints:
             table.add_row(
                 "",
                 f"replay of {origin}, {channel.name}",
-                f"{1e3 * channel.rms:.3f} m{channel.unit} rms, {100 * channel.rms / channel.still:.2g} % of the motion",
+                f"{1e3 * channel.rms_residual:.3f} m{channel.unit} rms,"
+                f" {100 * channel.rms_residual / channel.motion_rms:.2g} % of the motion",
             )
     console.print(table)
-    if all(not replayed.real for replayed in shown.replays):
+    if all(not replayed.is_measured for replayed in shown.replays):
         console.print("No measured log: set HDAGEN_DATA to the folder that holds real/emps to see EMPS replayed too.")
-    if not shown.holds:
-        console.print(f"The bar is missed: the gap must stay within {100 * BAR:g} %, with no tick refused.")
+    if not shown.meets_bar:
+        console.print(
+            f"The bar is missed: the gap must stay within {100 * LARGEST_GAP_SHARE:g} %, with no tick refused."
+        )
     console.print(f"Open {out} in a browser.", soft_wrap=True)

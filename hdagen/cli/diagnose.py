@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from hdagen.fleet.fleet_diagnosis import Result
-    from hdagen.pages.number_table import Cell
+    from hdagen.fleet.fleet_diagnosis import MachineResult
+    from hdagen.pages.number_table import TableCell
 
-EXAMPLE = """example:
+DIAGNOSE_EXAMPLE = """example:
   hdagen diagnose robot.toml log.parquet
   hdagen diagnose robot.toml log.parquet --hold-out other.parquet --out diagnosis-log
   hdagen diagnose robot.toml monday.parquet tuesday.parquet
@@ -29,7 +29,7 @@ writes diagnosis.json and report.html; `hdagen replay --with` and `hdagen adopt`
 for each [[machine]] of fleet.toml, fleet.json and fleet.html.
 exit codes: 0 done, 2 usage or configuration, 3 data unusable; docs/diagnosis.md says how it decides"""
 DONE, USAGE, UNUSABLE = 0, 2, 3
-THREADS = 2  # that one diagnosis keeps busy
+THREADS_PER_DIAGNOSIS = 2  # that one diagnosis keeps busy
 
 
 def add_parser(commands: Any) -> None:
@@ -44,7 +44,7 @@ def add_parser(commands: Any) -> None:
         help="say which unmodelled effect makes model and log differ",
         description="Fits every effect on every joint to a log and says which is missing in the model, how probable "
         "that is, and how far the gap shrinks on motion that the fit did not see.",
-        epilog=EXAMPLE,
+        epilog=DIAGNOSE_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("robot", nargs="?", help="a preset or a robot.toml")
@@ -69,13 +69,13 @@ def run(options: argparse.Namespace) -> int:
         The exit code.
 
     """
-    _check(options)
+    _check_options(options)
     if options.fleet:
-        return _fleet(options)
-    return _one(options)
+        return _diagnose_fleet(options)
+    return _diagnose_machine(options)
 
 
-def _check(options: argparse.Namespace) -> None:
+def _check_options(options: argparse.Namespace) -> None:
     """Refuse options that do not go together. Raises PlantError."""
     from hdagen.arm.build_loader import PlantError
 
@@ -96,7 +96,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 @contextmanager
-def _folder(out: Path) -> Iterator[Path]:
+def _make_folder(out: Path) -> Iterator[Path]:
     """``out``, made before the work; where that fails with nothing written, it is taken away again. Raises
     PlantError, also where it cannot be written into."""
     from hdagen.arm.build_loader import PlantError
@@ -118,40 +118,40 @@ def _folder(out: Path) -> Iterator[Path]:
             out.rmdir()
 
 
-def _one(options: argparse.Namespace) -> int:
+def _diagnose_machine(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.pipeline import diagnose
     from hdagen.diagnosis.progress import Progress
     from hdagen.diagnosis.report import report_page
-    from hdagen.diagnosis.report.sentences import sentence
-    from hdagen.log.measured_log import check_log, read
-    from hdagen.support.atomic_write import write_whole
-    from hdagen.support.heap_memory import kept
+    from hdagen.diagnosis.report.sentences import write_verdict
+    from hdagen.log.measured_log import check_log_file, read
+    from hdagen.support.atomic_write import write_atomically
+    from hdagen.support.heap_memory import tune_malloc
 
     for path in (*options.logs, *(options.hold_out or ())):
-        check_log(path)
-    with _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
+        check_log_file(path)
+    with _make_folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
         logs = [read(path, columns=options.columns, holes=True) for path in options.logs]
         held = [read(path, columns=options.columns, holes=True) for path in options.hold_out or ()]
         say = Progress()
-        kept()
+        tune_malloc()
         found = diagnose(options.robot, logs, held, say)
         say("report")
         text = json.dumps(found.content, indent=1, allow_nan=False) + "\n"
-        write_whole(out / "diagnosis.json", text.encode())
-        report_page.write(found, out / "report.html", _again(options, found.content))
-    said = sentence(found.content)
+        write_atomically(out / "diagnosis.json", text.encode())
+        report_page.write_report(found, out / "report.html", _format_commands(options, found.content))
+    said = write_verdict(found.content)
     if options.json:
-        beside = {"sentence": said, "left_out": list(found.left_out), "page": str(out / "report.html")}
+        beside = {"sentence": said, "left_out": list(found.failures), "page": str(out / "report.html")}
         print(json.dumps(found.content | beside, indent=1))
         return DONE
     print(said)
-    for failure in found.left_out:
+    for failure in found.failures:
         print(failure)
     print(out / "report.html")
     return 0
 
 
-def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
+def _format_commands(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
     """The commands that repeat the diagnosis and use it, as a shell takes them."""
     robot, mapped, held = shlex.quote(str(options.robot)), "", ""
     if options.columns:
@@ -168,21 +168,21 @@ def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
     )
 
 
-def _fleet(options: argparse.Namespace) -> int:
+def _diagnose_fleet(options: argparse.Namespace) -> int:
     """Diagnose all machines, write table and page; those finished before an interrupt are written, too."""
     from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page
 
-    machines = fleet_file.read(options.fleet)
-    with _folder(options.out or Path(f"diagnosis-{options.fleet.stem}")) as out:
-        jobs = options.jobs or max((os.cpu_count() or 1) // THREADS, 1)
+    machines = fleet_file.read_fleet(options.fleet)
+    with _make_folder(options.out or Path(f"diagnosis-{options.fleet.stem}")) as out:
+        jobs = options.jobs or max((os.cpu_count() or 1) // THREADS_PER_DIAGNOSIS, 1)
         begun = time.monotonic()
-        results, interrupted = fleet_diagnosis.diagnose(
+        results, interrupted = fleet_diagnosis.diagnose_fleet(
             machines, out, jobs, lambda words: print(f"{time.monotonic() - begun:5.0f} s  {words}", file=sys.stderr)
         )
-        fleet_diagnosis.write(out / "fleet.json", fleet_diagnosis.summary(results))
-        fleet_page.write(out / "fleet.html", options.fleet, results)
+        fleet_diagnosis.write_json(out / "fleet.json", fleet_diagnosis.summarize_fleet(results))
+        fleet_page.write_fleet_page(out / "fleet.html", options.fleet, results)
     if options.json:
-        print(json.dumps(fleet_diagnosis.summary(results) | {"page": str(out / "fleet.html")}, indent=1))
+        print(json.dumps(fleet_diagnosis.summarize_fleet(results) | {"page": str(out / "fleet.html")}, indent=1))
     else:
         _print_fleet(results, out)
     if interrupted:
@@ -195,7 +195,7 @@ def _fleet(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _print_fleet(results: Sequence[Result], out: Path) -> None:
+def _print_fleet(results: Sequence[MachineResult], out: Path) -> None:
     from rich.console import Console
 
     from hdagen.fleet import fleet_page
@@ -203,16 +203,16 @@ def _print_fleet(results: Sequence[Result], out: Path) -> None:
     console = Console(highlight=False)
     if not sys.stdout.isatty():  # a file has no width that a table must keep to
         console = Console(highlight=False, width=160)
-    console.print(_table(results))
-    console.print(fleet_page.sentence(results), markup=False, soft_wrap=True)
+    console.print(_build_fleet_table(results))
+    console.print(fleet_page.format_fleet_verdict(results), markup=False, soft_wrap=True)
     console.print(out / "fleet.html", soft_wrap=True)
 
 
-def _table(results: Sequence[Result]) -> Table:
+def _build_fleet_table(results: Sequence[MachineResult]) -> Table:
     from rich.markup import escape
     from rich.table import Table
 
-    from hdagen.fleet.fleet_page import HEADINGS, cells
+    from hdagen.fleet.fleet_page import HEADINGS, build_machine_cells
 
     table = Table()
     for heading in HEADINGS[:2]:
@@ -220,11 +220,11 @@ def _table(results: Sequence[Result]) -> Table:
     for heading in (*HEADINGS[2:], "s"):
         table.add_column(heading, justify="right", overflow="fold")
     for one in results:
-        name, missing, *figures = map(_written, cells(one))
-        if one.says:
-            missing += f": {one.says[0]}"
+        name, missing, *figures = map(_format_cell, build_machine_cells(one))
+        if one.messages:
+            missing += f": {one.messages[0]}"
         took = ""
-        if one.kept:
+        if one.is_reused:
             took = "kept"
         elif one.seconds:
             took = f"{one.seconds:.0f}"
@@ -232,7 +232,7 @@ def _table(results: Sequence[Result]) -> Table:
     return table
 
 
-def _written(cell: Cell) -> str:
+def _format_cell(cell: TableCell) -> str:
     if cell is None:
         return ""
     if cell is True:

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hdagen.excitation.optimal_motion import Excitation, Tried
+    from hdagen.excitation.optimal_motion import Excitation, TriedMotion
 
-EXAMPLE = """example:
+EXCITE_EXAMPLE = """example:
   hdagen excite robot.toml --separate stribeck_friction,presliding_friction --joint 1
   hdagen excite robot.toml --limits position_1=-0.5:0.5 speed=1.0 tip_y=0.05:0.4 --out reference.csv
 
 writes time and joint_position_reference_j; docs/excite.md says what is tried and what is predicted"""
-SHOWN = 3  # pairs of a motion that are printed where all are looked at
+PRINTED_PAIRS = 3  # pairs of a motion that are printed where all are looked at
 
 
 def add_parser(commands: Any) -> None:
@@ -32,7 +32,7 @@ def add_parser(commands: Any) -> None:
         help="design a safe motion that tells effects apart",
         description="Tries motions on the compiled arm, keeps the limits, predicts by how much the log evidence of a "
         "diagnosis tells the effects apart, and writes the best motion's reference.",
-        epilog=EXAMPLE,
+        epilog=EXCITE_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("robot", help="a preset or a robot.toml")
@@ -71,11 +71,11 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.arm.build_loader import PlantError
     from hdagen.arm.compiled_arm import load
     from hdagen.excitation.optimal_motion import excite
-    from hdagen.log.data_table import unwritable, write
+    from hdagen.log.data_table import find_write_problems, write_table
 
-    if problems := unwritable(options.out):
+    if problems := find_write_problems(options.out):
         raise PlantError("\n".join(f"--out {problem}" for problem in problems))
-    limits = _limits(options.limits)
+    limits = _parse_limits(options.limits)
     separate: tuple[str, ...] = ()
     if options.separate:
         separate = tuple(name.strip() for name in options.separate.split(","))
@@ -90,15 +90,15 @@ def run(options: argparse.Namespace) -> int:
         limits,
         lambda stage: print(f"{time.monotonic() - begun:5.1f} s  {stage}", file=sys.stderr),
     )
-    write(found.columns(), options.out)
+    write_table(found.log_columns(), options.out)
     if options.json:
-        print(json.dumps(figures(found) | {"reference": str(options.out)}, indent=1, allow_nan=False))
+        print(json.dumps(summarize_excitation(found) | {"reference": str(options.out)}, indent=1, allow_nan=False))
     else:
-        _print(found, options.out)
+        _print_excitation(found, options.out)
     return 0
 
 
-def _limits(given: list[str]) -> dict[str, tuple[float, ...]]:
+def _parse_limits(given: list[str]) -> dict[str, tuple[float, ...]]:
     """NAME=VALUE and NAME=LOW:HIGH as numbers. Raises PlantError."""
     from hdagen.arm.build_loader import PlantError
 
@@ -114,7 +114,7 @@ def _limits(given: list[str]) -> dict[str, tuple[float, ...]]:
     return limits
 
 
-def figures(found: Excitation) -> dict[str, Any]:
+def summarize_excitation(found: Excitation) -> dict[str, Any]:
     """Sum an excitation up in figures: of each motion the nats by pair and the shares of limits, or why it is dropped.
 
     Args:
@@ -126,34 +126,34 @@ def figures(found: Excitation) -> dict[str, Any]:
     """
     return {
         "effects": list(found.effects),
-        "motion": found.best.name,
-        "nats": found.best.worst,
-        "separates": found.separates,
-        "tried": [_motion_figures(tried) for tried in found.tried],
+        "motion": found.best_motion.name,
+        "nats": found.best_motion.smallest_separation,
+        "separates": found.is_separating,
+        "tried": [_motion_figures(tried) for tried in found.tried_motions],
         "assumed": list(found.limits.notes),
     }
 
 
-def _motion_figures(tried: Tried) -> dict[str, Any]:
-    nats = [{"pair": list(pair), "nats": nats} for pair, nats in _least(tried)]
-    if tried.kept is None:
+def _motion_figures(tried: TriedMotion) -> dict[str, Any]:
+    nats = [{"pair": list(pair), "nats": nats} for pair, nats in _sort_pairs(tried)]
+    if tried.safe_run is None:
         kept: dict[str, Any] = {"limits": {}, "scale": None}
     else:
-        kept = {"limits": dict(tried.kept.shares), "scale": tried.kept.scale}
-    return {"motion": tried.name, "nats": nats, **kept, "dropped": tried.why or None}
+        kept = {"limits": dict(tried.safe_run.limit_shares), "scale": tried.safe_run.scale}
+    return {"motion": tried.name, "nats": nats, **kept, "dropped": tried.drop_reason or None}
 
 
-def _least(tried: Tried) -> list[tuple[tuple[str, str], float]]:
-    return sorted(tried.nats.items(), key=lambda item: item[1])
+def _sort_pairs(tried: TriedMotion) -> list[tuple[tuple[str, str], float]]:
+    return sorted(tried.separations.items(), key=lambda item: item[1])
 
 
-def _print(found: Excitation, out: Path) -> None:
+def _print_excitation(found: Excitation, out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from hdagen.excitation.optimal_motion import ENOUGH, TRUST
+    from hdagen.excitation.optimal_motion import LEAST_SEPARATION, PREDICTION_FACTOR
 
-    pairs = len(found.best.nats)
+    pairs = len(found.best_motion.separations)
     headings = ["nats"]
     if pairs > 1:
         headings = ["worst pair, nats", f"told apart of {pairs}"]
@@ -161,24 +161,24 @@ def _print(found: Excitation, out: Path) -> None:
     for heading in headings:
         table.add_column(heading, justify="right")
     table.add_column("limits reached")
-    for t in found.tried:
-        if t.kept is None:
-            table.add_row(t.name, *["–"] * len(headings), f"dropped: {t.why}")
+    for t in found.tried_motions:
+        if t.safe_run is None:
+            table.add_row(t.name, *["–"] * len(headings), f"dropped: {t.drop_reason}")
             continue
-        largest = sorted(t.kept.shares.items(), key=lambda item: -item[1])[:3]
-        told_apart = sum(nats >= ENOUGH * TRUST for nats in t.nats.values())
-        numbers = [f"{t.worst:.0f}", str(told_apart)][: len(headings)]
+        largest = sorted(t.safe_run.limit_shares.items(), key=lambda item: -item[1])[:3]
+        told_apart = sum(nats >= LEAST_SEPARATION * PREDICTION_FACTOR for nats in t.separations.values())
+        numbers = [f"{t.smallest_separation:.0f}", str(told_apart)][: len(headings)]
         table.add_row(t.name, *numbers, ", ".join(f"{name} {100 * x:.0f} %" for name, x in largest))
     Console(width=120).print(table)
     for note in found.limits.notes:
         print(note)
     answer = "no"
-    if found.separates:
+    if found.is_separating:
         answer = "yes"
     if pairs > 1:
-        for (a, b), nats in _least(found.best)[:SHOWN]:
+        for (a, b), nats in _sort_pairs(found.best_motion)[:PRINTED_PAIRS]:
             print(f"hardest to tell: {a} and {b}, {nats:.0f} nats")
         print(f"expected to separate every pair: {answer}")
     else:
-        print(f"expected to separate: {answer} ({found.best.worst:.0f} nats)")
-    print(f"{out}: {found.best.name}, {len(found.reference.position)} rows of {found.reference.period:g} s")
+        print(f"expected to separate: {answer} ({found.best_motion.smallest_separation:.0f} nats)")
+    print(f"{out}: {found.best_motion.name}, {len(found.reference.position)} rows of {found.reference.period:g} s")

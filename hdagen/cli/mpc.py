@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hdagen.mpc.benchmark.sqp_convergence import Loop
+    from hdagen.mpc.benchmark.sqp_convergence import LoopCosts
 
-EXAMPLE = """examples:
+MPC_EXAMPLE = """examples:
   hdagen mpc table                 impedance, admittance and predictive control, free and against a wall
   hdagen mpc table --runs 100      the same over random runs
   hdagen simulate paper --controller mpc --out run.parquet && hdagen mpc explain run.parquet
@@ -23,7 +23,7 @@ EXAMPLE = """examples:
   hdagen mpc reference             the plan beside IPOPT's of the whole nonlinear problem"""
 
 
-WHAT = ("table", "sense", "explain", "keys", "reference", "header")
+MPC_TOPICS = ("table", "sense", "explain", "keys", "reference", "header")
 
 
 def add_parser(commands: Any) -> None:
@@ -37,10 +37,10 @@ def add_parser(commands: Any) -> None:
         "mpc",
         help="predictive control: compare, explain a run, list keys, check against the whole problem",
         description="The predictive controller that keeps the admittance; see docs/mpc.md.",
-        epilog=EXAMPLE,
+        epilog=MPC_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument("what", nargs="?", choices=WHAT)
+    p.add_argument("what", nargs="?", choices=MPC_TOPICS)
     p.add_argument("--reference", action="store_true", help="the same as `reference`")
     p.add_argument(
         "log", nargs="?", type=Path, help="of `explain`: a log that `hdagen simulate --controller mpc` wrote"
@@ -77,43 +77,49 @@ def run(options: argparse.Namespace) -> int:
         asked.append("reference")
     if len(set(asked)) != 1:
         raise PlantError(
-            f"hdagen mpc takes one of {', '.join(WHAT)}, or --reference; found {' and '.join(asked) or 'none'}."
+            f"hdagen mpc takes one of {', '.join(MPC_TOPICS)}, or --reference; found {' and '.join(asked) or 'none'}."
         )
-    does = {"table": _table, "sense": _sense, "explain": _explain, "keys": _keys, "reference": _reference}
-    return (does | {"header": _header})[asked[0]](options)
+    does = {
+        "table": _print_comparison,
+        "sense": _print_sensing,
+        "explain": _explain_run,
+        "keys": _print_keys,
+        "reference": _print_reference,
+    }
+    return (does | {"header": _print_header})[asked[0]](options)
 
 
-def _keys(options: argparse.Namespace) -> int:
-    from hdagen.mpc.configuration_schema import KEYS, documented
+def _print_keys(options: argparse.Namespace) -> int:
+    from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, format_key_table
 
     if options.json:
-        print(json.dumps([asdict(key) for key in KEYS], indent=1))
+        print(json.dumps([asdict(key) for key in CONFIGURATION_KEYS], indent=1))
     else:
-        print(documented().rstrip("\n"))
+        print(format_key_table().rstrip("\n"))
     return 0
 
 
-def _explain(options: argparse.Namespace) -> int:
+def _explain_run(options: argparse.Namespace) -> int:
     from hdagen.arm.build_loader import PlantError
     from hdagen.log.data_table import LogError
-    from hdagen.mpc.explanation_page import verdict, write
-    from hdagen.mpc.tick_record import read
+    from hdagen.mpc.explanation_page import format_record_verdict, write_record_page
+    from hdagen.mpc.tick_record import read_record
 
     if options.log is None:
         raise PlantError(
             "hdagen mpc explain takes a log; `hdagen simulate --controller mpc --out run.parquet` writes one."
         )
-    record = read(options.log)
+    record = read_record(options.log)
     out = options.out or options.log.with_suffix(".html")
     if not os.path.isdir(out.absolute().parent) or os.path.isdir(out):
         raise PlantError(f"--out {out}: give the path of a file in a folder that exists, such as ticks.html.")
     try:
-        write(out, options.log.name, record)
+        write_record_page(out, options.log.name, record)
     except OSError as error:
         raise LogError(
             [f"{out}: the page could not be written ({error.strerror}); name another with --out."]
         ) from error
-    said = verdict(record)
+    said = format_record_verdict(record)
     if options.json:
         print(json.dumps({"sentence": said, "page": str(out)}, indent=1))
     else:
@@ -121,16 +127,16 @@ def _explain(options: argparse.Namespace) -> int:
     return 0
 
 
-def _table(options: argparse.Namespace) -> int:
+def _print_comparison(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from hdagen.mpc.benchmark.law_comparison import compare, lines, random_runs
+    from hdagen.mpc.benchmark.law_comparison import compare_controllers, drive_random_runs, format_comparison
 
     with Console(stderr=True).status("starting") as status:
-        found = compare(options.profile, status.update)
+        found = compare_controllers(options.profile, status.update)
         runs = []
         with contextlib.suppress(KeyboardInterrupt):  # an interrupt leaves the runs that are finished
-            for one in random_runs(max(0, options.runs), found.tuned.gains, options.profile):
+            for one in drive_random_runs(max(0, options.runs), found.tuned.gains, options.profile):
                 runs.append(one)
                 status.update(f"random run {len(runs)} of {options.runs}, limits kept in {sum(r.kept for r in runs)}")
     if options.json:
@@ -142,33 +148,33 @@ def _table(options: argparse.Namespace) -> int:
         }
         print(json.dumps(rows, indent=1))
     else:
-        print("\n".join(lines(found, runs)))
+        print("\n".join(format_comparison(found, runs)))
     return 0
 
 
-def _sense(options: argparse.Namespace) -> int:
+def _print_sensing(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from hdagen.mpc.benchmark.estimator_consistency import lines, measure
+    from hdagen.mpc.benchmark.estimator_consistency import format_sensing, measure_sensing
 
     with Console(stderr=True).status("starting") as status:
-        found = measure(options.profile, status.update)
+        found = measure_sensing(options.profile, status.update)
     if options.json:
         print(json.dumps(asdict(found), indent=1))
     else:
-        print("\n".join(lines(found)))
+        print("\n".join(format_sensing(found)))
     return 0
 
 
-def _header(options: argparse.Namespace) -> int:
+def _print_header(options: argparse.Namespace) -> int:
     from hdagen.arm.compiled_arm import load
-    from hdagen.mpc.configuration import Configuration, read
+    from hdagen.mpc.configuration import Configuration, read_configuration
     from hdagen.mpc.predictive_controller import MPC
 
     c = Configuration()
     if options.config:
-        c = read(options.config)
-    text = MPC(load(options.robot, options.profile, mpc=c), c).header()
+        c = read_configuration(options.config)
+    text = MPC(load(options.robot, options.profile, mpc=c), c).format_header()
     if options.json:
         print(json.dumps({"header": text}))
     else:
@@ -176,24 +182,24 @@ def _header(options: argparse.Namespace) -> int:
     return 0
 
 
-def _reference(options: argparse.Namespace) -> int:
+def _print_reference(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from hdagen.mpc.benchmark.ipopt_reference import against_truth, beside
-    from hdagen.mpc.benchmark.sqp_convergence import lines, loops
+    from hdagen.mpc.benchmark.ipopt_reference import compare_with_truth, format_truth_comparison
+    from hdagen.mpc.benchmark.sqp_convergence import compare_loop_costs, format_loop_costs
 
-    driven: tuple[Loop, ...] = ()
+    driven: tuple[LoopCosts, ...] = ()
     with Console(stderr=True).status("starting") as status:
         if options.config is None:
-            driven = loops(options.profile, status.update)
+            driven = compare_loop_costs(options.profile, status.update)
         status.update("IPOPT")
-        found = against_truth(options.config, options.profile)
+        found = compare_with_truth(options.config, options.profile)
     if options.json:
         print(
             json.dumps({"loops": [asdict(loop) for loop in driven], "plans": [asdict(one) for one in found]}, indent=1)
         )
     else:
         if driven:
-            print("\n".join(lines(driven)))
-        print("\n".join(beside(found)))
+            print("\n".join(format_loop_costs(driven)))
+        print("\n".join(format_truth_comparison(found)))
     return 0

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hdagen.paper.figure_catalogue import Listed
+    from hdagen.paper.figure_catalogue import FigureEntry
 
-EXAMPLE = """example:
+PAPER_EXAMPLE = """example:
   hdagen paper list
   hdagen paper fig11 table4 --out paper
   hdagen paper all
@@ -21,7 +21,7 @@ EXAMPLE = """example:
 writes SVG, PNG, JSON and logs, which `hdagen replay paper_prototype LOG` takes; all also writes index.html.
 docs/paper.md has what came out and why it differs"""
 DONE = 0
-MARK = {True: "holds", False: "does not", None: ""}
+CLAIM_MARKS = {True: "holds", False: "does not", None: ""}
 
 
 def add_parser(commands: Any) -> None:
@@ -38,7 +38,7 @@ def add_parser(commands: Any) -> None:
         "logs, "
         "and a line for each thing that the paper says of them. What is finished is not made again while nothing that "
         "it comes from has changed.",
-        epilog=EXAMPLE,
+        epilog=PAPER_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("names", nargs="+", metavar="NAME", help="such as fig11 or table4; all; or list, which names them")
@@ -64,66 +64,66 @@ def run(options: argparse.Namespace) -> int:
 
     from hdagen.arm.build_loader import PlantError
     from hdagen.paper import figure_production
-    from hdagen.paper.drawing import needed
-    from hdagen.paper.figure_catalogue import FIGURES, named
+    from hdagen.paper.drawing import require_matplotlib
+    from hdagen.paper.figure_catalogue import PAPER_FIGURES, find_figures
 
     if options.names == ["list"]:
-        titles = {figure.name: figure.title for figure in FIGURES}
+        titles = {figure.name: figure.title for figure in PAPER_FIGURES}
         if options.json:
             print(json.dumps(titles, indent=1, ensure_ascii=False))
         else:
             print("\n".join(f"{name:10} {title}" for name, title in titles.items()))
         return DONE
-    figures = named(options.names)
+    figures = find_figures(options.names)
     if options.out.exists() and not options.out.is_dir():
         raise PlantError(f"--out {options.out} is a file; give a folder.")
-    needed()
+    require_matplotlib()
     begun, console, found, new = time.perf_counter(), Console(), {}, 0
     errors = Console(stderr=True)
     processes = 1
     if len(figures) > 1:
-        processes = figure_production.processors()
+        processes = figure_production.count_processors()
 
     def say(words: str) -> None:
         errors.print(words, highlight=False, markup=False)
 
-    for figure, content, now in figure_production.produce(figures, options.out, options.profile, processes, say):
+    for figure, content, now in figure_production.make_figures(figures, options.out, options.profile, processes, say):
         found[figure.name] = content
         new += now
     contents = [found[figure.name] for figure in figures]
-    if figures == FIGURES:
-        _whole(options.out, contents)
+    if figures == PAPER_FIGURES:
+        _write_all_figures(options.out, contents)
     if options.json:
         print(json.dumps({content["name"]: content["claims"] for content in contents}, indent=1, ensure_ascii=False))
     else:
-        _print(console, figures, contents)
+        _print_claims(console, figures, contents)
         where = options.out
-        if figures == FIGURES:
+        if figures == PAPER_FIGURES:
             where /= "index.html"
         took = time.perf_counter() - begun
         console.print(f"{new} made, {len(figures) - new} left as they were, {took:.0f} s; see {where}", soft_wrap=True)
     return DONE
 
 
-def _whole(out: Path, contents: list[dict[str, Any]]) -> None:
+def _write_all_figures(out: Path, contents: list[dict[str, Any]]) -> None:
     """The page of all figures, and results.json."""
     from hdagen.arm.build_loader import PlantError
     from hdagen.paper import document_tables, figure_store, paper_page
-    from hdagen.support.atomic_write import write_whole
+    from hdagen.support.atomic_write import write_atomically
 
     try:
-        paper_page.write(out, contents, figure_store.sections(out, [content["name"] for content in contents]))
-        write_whole(out / "results.json", document_tables.results(contents).encode())
+        paper_page.write_page(out, contents, figure_store.read_sections(out, [content["name"] for content in contents]))
+        write_atomically(out / "results.json", document_tables.collect_results(contents).encode())
     except OSError as error:
         raise PlantError(f"{out}: {error.strerror}; choose another place with --out.") from None
 
 
-def _print(console: Console, figures: tuple[Listed, ...], contents: list[dict[str, Any]]) -> None:
+def _print_claims(console: Console, figures: tuple[FigureEntry, ...], contents: list[dict[str, Any]]) -> None:
     """Print each claim of the paper with the result here, figure by figure."""
     for figure, content in zip(figures, contents, strict=True):
         console.print(f"\n{figure.name}  {figure.title}", style="bold", highlight=False, markup=False)
         for claim in content["claims"]:
             line = f"  the paper says: {claim['paper']}\n  here: {claim['here']}"
-            if mark := MARK[claim["holds"]]:
+            if mark := CLAIM_MARKS[claim["holds"]]:
                 line += f"  [{mark}]"
             console.print(line, highlight=False, markup=False, soft_wrap=True)

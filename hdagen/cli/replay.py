@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hdagen.log.measured_log import Log
     from hdagen.prediction.window_replay import Replay
 
-EXAMPLE = """example:
+REPLAY_EXAMPLE = """example:
   hdagen replay robot.toml log.parquet --out predicted.parquet
   hdagen replay emps DATA_EMPS.mat --columns docs/examples/emps/columns.toml --out predicted.csv
   hdagen replay robot.toml log.parquet --with diagnosis-log/diagnosis.json --out after.parquet
@@ -38,7 +38,7 @@ def add_parser(commands: Any) -> None:
         help="simulate a log again and say how far the model misses it",
         description="Simulates a log again in short windows from what was commanded and pushed, and compares it with "
         "what was measured.",
-        epilog=EXAMPLE,
+        epilog=REPLAY_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("robot", help="a preset or a robot.toml")
@@ -97,32 +97,32 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.data.held_out_rows import count_rows
     from hdagen.log.data_table import LogError
     from hdagen.log.measured_log import read, write
-    from hdagen.prediction.closed_loop_replay import closed_loop, read_controller
-    from hdagen.prediction.window_replay import WINDOW, check, replay
+    from hdagen.prediction.closed_loop_replay import read_controller, replay_closed_loop
+    from hdagen.prediction.window_replay import REPLAY_WINDOW, check_log_fits_arm, replay
 
-    _check(options)
-    stated = options.with_ and verdict.read(options.with_)
+    _check_options(options)
+    stated = options.with_ and verdict.read_verdict(options.with_)
     counted = options.rows_of and read_content(options.rows_of)
     laws = options.closed_loop and read_controller(options.closed_loop)
     measured = read(
         options.log, options.columns, holes=counted is not None
     )  # before a model is compiled, which takes its time
-    arm = _load(options, stated)
-    check(arm, measured)
-    measured, notes, refusals = _repair(arm, measured, counted is not None)
+    arm = _load_arm(options, stated)
+    check_log_fits_arm(arm, measured)
+    measured, notes, refusals = _repair_log(arm, measured, counted is not None)
     if refusals:
         print("\n".join(f"{options.log}: {sentence}" for sentence in refusals), file=sys.stderr)
         return UNUSABLE
     if laws is not None:
         if stated is not None:
-            arm, said = verdict.applied(arm, stated)
+            arm, said = verdict.apply_verdict(arm, stated)
             notes += said
-        found = closed_loop(arm, measured, laws, options.window or math.inf)
+        found = replay_closed_loop(arm, measured, laws, options.window or math.inf)
     else:
-        found = replay(arm, measured, options.window or WINDOW, options.input, stated)
+        found = replay(arm, measured, options.window or REPLAY_WINDOW, options.input, stated)
     if counted is not None:
         found = count_rows(found, measured, counted, str(options.rows_of))
-    force, said = _force(arm, measured, options)
+    force, said = _measure_force_error(arm, measured, options)
     if options.out is not None:
         try:
             write(found.columns, options.out)
@@ -133,23 +133,23 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         _print_json(options, arm, measured, found, force, notes)
     else:
-        _print(options, arm, measured, found, force, notes)
+        _print_replay(options, arm, measured, found, force, notes)
     return DONE
 
 
-def _repair(arm: Arm, log: Log, diagnosed: bool) -> tuple[Log, list[str], list[str]]:
+def _repair_log(arm: Arm, log: Log, diagnosed: bool) -> tuple[Log, list[str], list[str]]:
     """The log with its repairs, notes and refusals; ``diagnosed``: as a diagnosis took it."""
-    from hdagen.data_quality.log_repair import as_measured, repair
+    from hdagen.data_quality.log_repair import repair_for_replay, repair_log
 
     if diagnosed:
-        log, _, seen = repair(log, arm)
+        log, _, seen = repair_log(log, arm)
         return log, list(seen.warnings), []
-    log, mended = as_measured(log, arm)
-    notes, refusals = look(arm, log)
+    log, mended = repair_for_replay(log, arm)
+    notes, refusals = triage_log(arm, log)
     return log, notes + [one.sentence for one in mended], refusals
 
 
-def _load(options: argparse.Namespace, stated: Verdict | None) -> Arm:
+def _load_arm(options: argparse.Namespace, stated: Verdict | None) -> Arm:
     """The arm that is asked for: a build as it is, else a robot with the effects that a diagnosis has stated."""
     from hdagen.adoption import verdict
     from hdagen.arm.compiled_arm import Arm, load
@@ -157,14 +157,14 @@ def _load(options: argparse.Namespace, stated: Verdict | None) -> Arm:
     if options.built:
         return Arm(options.robot)
     if stated:
-        return verdict.with_effects(options.robot, options.profile, stated)
+        return verdict.load_with_effects(options.robot, options.profile, stated)
     return load(options.robot, options.profile)
 
 
-def _check(options: argparse.Namespace) -> None:
+def _check_options(options: argparse.Namespace) -> None:
     """Refuse options that are not possible, before anything is built. Raises PlantError."""
     from hdagen.arm.build_loader import PlantError
-    from hdagen.log.data_table import unwritable
+    from hdagen.log.data_table import find_write_problems
 
     problems = []
     if options.built and options.with_ is not None:
@@ -180,14 +180,14 @@ def _check(options: argparse.Namespace) -> None:
             "--closed-loop and --input measured exclude each other: the controller gives the input; leave one out."
         )
     if options.out is not None:
-        problems += [f"--out {problem}" for problem in unwritable(options.out)]
+        problems += [f"--out {problem}" for problem in find_write_problems(options.out)]
         if os.path.exists(options.out) and os.path.exists(options.log) and options.out.samefile(options.log):
             problems.append(f"--out {options.out}: is the log itself, which would be lost; name another file.")
     if problems:
         raise PlantError("\n".join(problems))
 
 
-def look(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
+def triage_log(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
     """Triage a log by the limits and sensors of a robot.
 
     Args:
@@ -217,16 +217,18 @@ def look(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
     return list(seen.warnings), list(seen.refusals)
 
 
-def _force(arm: Arm, log: Log, options: argparse.Namespace) -> tuple[Array | None, list[str]]:
+def _measure_force_error(arm: Arm, log: Log, options: argparse.Namespace) -> tuple[Array | None, list[str]]:
     """Force error of the inverse dynamics of a rigid robot, a share a joint; None and why not."""
     from hdagen.log.data_table import LogError
-    from hdagen.prediction.driving_inputs import driven_by
-    from hdagen.prediction.inverse_dynamics import BANDWIDTH, force_error
+    from hdagen.prediction.driving_inputs import read_driving_inputs
+    from hdagen.prediction.inverse_dynamics import LOOP_BANDWIDTH, compute_force_error
 
     if arm.manifest["flexible"]:
         return None, []
     try:
-        return force_error(arm, log, driven_by(arm, log, options.input)[0], options.bandwidth or BANDWIDTH).relative, []
+        return compute_force_error(
+            arm, log, read_driving_inputs(arm, log, options.input)[0], options.bandwidth or LOOP_BANDWIDTH
+        ).relative, []
     except LogError as error:
         return None, [str(error)]
 
@@ -247,7 +249,7 @@ def _print_json(
         "errors": found.errors,
         "noise": found.noise,
         "relative": found.relative,
-        "inputs": found.inputs,
+        "inputs": found.driving_channels,
         "gap": gap,
         "force_error": shares,
         "rows_beyond_spring_law": found.beyond_law,
@@ -263,7 +265,7 @@ def _finite_or_none(value: float) -> float | None:
     return None
 
 
-def _print(
+def _print_replay(
     options: argparse.Namespace, arm: Arm, log: Log, found: Replay, force: Array | None, notes: list[str]
 ) -> None:
     from rich.console import Console
@@ -283,19 +285,19 @@ def _print(
     table.add_column("of its noise", justify="right")
     for name, error in found.errors.items():
         share = multiple = ""
-        if name in found.inputs:
+        if name in found.driving_channels:
             multiple = "input"
         else:
             if name in found.relative:
                 share = f"{100 * found.relative[name]:.3g} %"
-            if name in found.channels:
+            if name in found.counted_channels:
                 multiple = f"{error / found.noise[name]:.3g} x"
-        table.add_row(name, f"{error:.4g}", _unit(arm, name), share, multiple)
+        table.add_row(name, f"{error:.4g}", _find_unit(arm, name), share, multiple)
     console = Console(highlight=False)
     console.print(table)
     if math.isfinite(found.gap):
         channels = "channels"
-        if found.inputs:
+        if found.driving_channels:
             channels = "channels that the model can err in"
         console.print(f"gap {found.gap:.4g}: geometric mean over the {channels}, in multiples of noise", markup=False)
     if force is not None:
@@ -307,7 +309,7 @@ def _print(
         console.print(f"written: {options.out}", markup=False)
 
 
-def _unit(arm: Arm, name: str) -> str:
+def _find_unit(arm: Arm, name: str) -> str:
     """The unit of a channel."""
     quantity, _, j = name.rpartition("_")
     slides = arm.robot["joints"][int(j) - 1]["kind"] == "prismatic"

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from hdagen.control.reference_motion import Reference
     from hdagen.simulation.simulator import Simulation
 
-EXAMPLE = """example:
+SIMULATE_EXAMPLE = """example:
   hdagen simulate paper --controller admittance_cartesian --push 3 4 15 0 --push 6 7 0 15 --gain stiffness_x=800 --out
   circle.parquet"""
 
-LAWS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint", "mpc")
+CONTROLLERS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint", "mpc")
 
 
 def add_parser(commands: Any) -> None:
@@ -32,12 +32,12 @@ def add_parser(commands: Any) -> None:
         "simulate",
         help="drive the compiled arm around a circle, push it, and write the log",
         description="A controller drives the compiled arm around a circle: dry friction, encoders, noise.",
-        epilog=EXAMPLE,
+        epilog=SIMULATE_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     p.add_argument("--built", action="store_true", help="ROBOT is the folder of a build, whose compiled code is run")
-    p.add_argument("--controller", choices=LAWS, default="impedance_cartesian")
+    p.add_argument("--controller", choices=CONTROLLERS, default="impedance_cartesian")
     p.add_argument("--config", default=None, metavar="controller.toml", help="of --controller mpc; see docs/mpc.md")
     p.add_argument(
         "--gain",
@@ -97,24 +97,24 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.arm.build_loader import PlantError
     from hdagen.arm.compiled_arm import Arm, load
     from hdagen.control.guarded_controller import Controller, Guard, Safe
-    from hdagen.log.data_table import unwritable
+    from hdagen.log.data_table import find_write_problems
     from hdagen.log.measured_log import write
     from hdagen.simulation.simulated_sensors import Sensors
     from hdagen.simulation.simulator import Push
     from hdagen.simulation.simulator import run as simulate
 
-    if problems := unwritable(options.out):
+    if problems := find_write_problems(options.out):
         raise PlantError("\n".join(f"--out {problem}" for problem in problems))
     if options.controller == "mpc":
-        return _predictive(options)
+        return _simulate_predictive(options)
     if options.config:
         raise PlantError("--config is of the predictive controller; take --controller mpc, or leave it out.")
-    gains = _gains(options.gain)
+    gains = _parse_gains(options.gain)
     arm = Arm(options.robot) if options.built else load(options.robot, profile=options.profile)
     damping = tuple(20 * j["drive"]["motor_inertia"]["nominal"] for j in arm.robot["joints"])  # motors stop in 1/20 s
     guard = Guard(Safe[options.safe.upper()], safe_damping=damping)
     controller = Controller(arm, options.controller, guard, gains)
-    path = _path(options, arm, controller.guard.period)
+    path = _make_path(options, arm, controller.guard.period)
     pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("simulating", total=len(path.position))
@@ -125,16 +125,16 @@ def run(options: argparse.Namespace) -> int:
         sensors = Sensors(delay=options.delay)
         result = simulate(arm, controller, path, pushes, sensors, options.seed, progress=progress)
     write(result.log, options.out)
-    figures = {"log": str(options.out), "rows": len(result.log), **_figures(arm, controller, path, result)}
+    figures = {"log": str(options.out), "rows": len(result.log), **_summarize_run(arm, controller, path, result)}
     if options.json:
         print(json.dumps(figures, indent=1))
     else:
         print(f"{options.out}: {figures['rows']} rows of {arm.robot['name']} under {options.controller}")
-        _print(figures)
+        _print_figures(figures)
     return 0
 
 
-def _path(options: argparse.Namespace, arm: Arm, period: float) -> Reference:
+def _make_path(options: argparse.Namespace, arm: Arm, period: float) -> Reference:
     from hdagen.control.reference_motion import circle
 
     reach = sum(joint["length"]["nominal"] for joint in arm.robot["joints"])
@@ -142,42 +142,45 @@ def _path(options: argparse.Namespace, arm: Arm, period: float) -> Reference:
     return circle(options.radius, center, options.turn, options.seconds, period)
 
 
-def _predictive(options: argparse.Namespace) -> int:
+def _simulate_predictive(options: argparse.Namespace) -> int:
     """The same with the predictive controller, whose record goes beside the log."""
     from hdagen.arm.build_loader import PlantError
     from hdagen.arm.compiled_arm import load
-    from hdagen.control.reference_motion import to_joints
-    from hdagen.mpc.configuration import Configuration, read
-    from hdagen.mpc.recorded_simulation import lines, simulated
-    from hdagen.mpc.tick_record import beside
+    from hdagen.control.reference_motion import convert_to_joint_motion
+    from hdagen.mpc.configuration import Configuration, read_configuration
+    from hdagen.mpc.recorded_simulation import format_simulated_run, simulate_with_record
+    from hdagen.mpc.tick_record import find_record_path
     from hdagen.simulation.simulated_sensors import Sensors
     from hdagen.simulation.simulator import Push
 
     c = Configuration()
     if options.config:
-        c = read(options.config)
+        c = read_configuration(options.config)
     if options.gain:
         raise PlantError("--gain is of the other controllers; the predictive one takes --config controller.toml.")
     if options.built:
         raise PlantError("--built is of the other controllers; the predictive one is built for its configuration.")
     arm = load(options.robot, profile=options.profile, mpc=c)
-    path = _path(options, arm, float(c["mpc.period"]))
+    path = _make_path(options, arm, float(c["mpc.period"]))
     if c["mpc.space"] == "joint":
-        path = to_joints(arm, path, [0.6] * arm.n)
+        path = convert_to_joint_motion(arm, path, [0.6] * arm.n)
     pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
-    found, result = simulated(arm, c, path, pushes, Sensors(delay=options.delay), options.seed, options.out)
+    found, result = simulate_with_record(arm, c, path, pushes, Sensors(delay=options.delay), options.seed, options.out)
     if options.json:
-        figures: dict[str, Any] = {"log": str(options.out), "record": str(beside(options.out))}
+        figures: dict[str, Any] = {"log": str(options.out), "record": str(find_record_path(options.out))}
         if result:
             figures |= asdict(result)
         print(json.dumps(figures, indent=1))
     else:
-        print(f"{options.out} and {beside(options.out)}: {len(found.times)} rows of {arm.robot['name']} under mpc")
-        print("\n".join(lines(found, result)))
+        print(
+            f"{options.out} and {find_record_path(options.out)}: {len(found.times)} rows of {arm.robot['name']}"
+            " under mpc"
+        )
+        print("\n".join(format_simulated_run(found, result)))
     return 0
 
 
-def _gains(given: list[str]) -> dict[str, float]:
+def _parse_gains(given: list[str]) -> dict[str, float]:
     from hdagen.arm.build_loader import PlantError
 
     gains = {}
@@ -190,15 +193,15 @@ def _gains(given: list[str]) -> dict[str, float]:
     return gains
 
 
-def _figures(arm: Arm, controller: Controller, path: Reference, result: Simulation) -> dict[str, Any]:
+def _summarize_run(arm: Arm, controller: Controller, path: Reference, result: Simulation) -> dict[str, Any]:
     import numpy as np
 
-    from hdagen.simulation.simulator import ideal
+    from hdagen.simulation.simulator import simulate_ideal_admittance
 
     against, goal = "the circle", path.position
     if "mass_x" in controller.gains:
         against = "the ideal mass-damper-spring motion"
-        goal = goal + ideal(arm, controller, result.push, path.period)
+        goal = goal + simulate_ideal_admittance(arm, controller, result.push, path.period)
     gap = np.linalg.norm(result.tip - goal, axis=1)
     refused, first = result.status[result.status < 0], None
     if len(refused):
@@ -215,7 +218,7 @@ def _figures(arm: Arm, controller: Controller, path: Reference, result: Simulati
     }
 
 
-def _print(figures: dict[str, Any]) -> None:
+def _print_figures(figures: dict[str, Any]) -> None:
     largest, rms = 1e3 * figures["largest_gap"], 1e3 * figures["rms_gap"]
     print(f"tip against {figures['against']}: {largest:.2f} mm at most, {rms:.2f} mm rms")
     why = ""

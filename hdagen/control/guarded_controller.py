@@ -17,15 +17,22 @@ from numpy.typing import ArrayLike, NDArray
 from hdagen.arm.arrays import Array, is_number
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.reference_motion import Reference, to_joints
-from hdagen.support.messages import list_nearest
+from hdagen.control.reference_motion import Reference, convert_to_joint_motion
+from hdagen.support.messages import join_nearest_names
 
 if TYPE_CHECKING:
     from hdagen.control.reference_motion import Reference
 
-UNLIMITED = 1e100
-NEVER = 2**31 - 1
-CHANNELS = ("motor_position", "motor_velocity", "joint_position", "joint_velocity", "motor_torque", "tip_force")
+UNLIMITED_FORCE = 1e100
+NEVER_TICKS = 2**31 - 1
+MEASUREMENT_CHANNELS = (
+    "motor_position",
+    "motor_velocity",
+    "joint_position",
+    "joint_velocity",
+    "motor_torque",
+    "tip_force",
+)
 
 
 class Safe(Enum):
@@ -52,11 +59,11 @@ class Guard:
     watchdog: float = 0.02  # s
     torque_limit: tuple[float, ...] | None = None  # N m
     torque_rate: tuple[float, ...] | None = None  # N m/s
-    force_limit: float = UNLIMITED  # N, static, at the tip
+    force_limit: float = UNLIMITED_FORCE  # N, static, at the tip
     motor_jump: tuple[float, ...] | None = None  # rad; None: 2 x speed limit x period + an encoder's step
     joint_jump: tuple[float, ...] | None = None  # rad
     stale_stamp_ticks: int = 5
-    stale_bits_ticks: int = NEVER
+    stale_bits_ticks: int = NEVER_TICKS
     safe_damping: tuple[float, ...] = field(default=())  # N m s/rad, for DAMPING and HOLD
     safe_stiffness: tuple[float, ...] = field(default=())  # N m/rad, for HOLD
 
@@ -81,7 +88,7 @@ class Fault:
     status: int
     sentence: str
     index: int
-    further: int
+    later_faults: int
     now: float
     raw: Array
     sent: Array
@@ -114,7 +121,7 @@ class Controller:
         self.reference = self._reference[: len(self.reference_names)]
         self.torque: Array = np.zeros(n)
         self._status: NDArray[np.int32] = np.zeros(1, np.int32)
-        self._share()
+        self._name_channels()
         buffers = (self._context, self._now, self.measurement)
         self._read = "controller_read"
         self._tick = module.bind("controller_tick", *buffers, self._reference, self.torque, self._status)
@@ -122,7 +129,7 @@ class Controller:
         self._watchdog = module.bind("controller_watchdog", self._context, self._now, self.torque, self._status)
         self.configure(guard, gains or {})
 
-    def _share(self) -> None:
+    def _name_channels(self) -> None:
         """Name the parts of the measurement.
 
         They are the stamp, n each of motor and joint positions and velocities and motor torques, and the tip force.
@@ -130,7 +137,7 @@ class Controller:
         n = self.arm.n
         ends = np.cumsum([1, n, n, n, n, n])
         parts = np.split(self.measurement, ends)[1:]
-        self._channels: dict[str, Array] = dict(zip(CHANNELS, parts, strict=True))
+        self._channels: dict[str, Array] = dict(zip(MEASUREMENT_CHANNELS, parts, strict=True))
         self.motor_position, self.motor_velocity, self.joint_position, self.joint_velocity = parts[:4]
         self.motor_torque, self.tip_force = parts[4:]
 
@@ -149,7 +156,9 @@ class Controller:
         bounds = {g["name"]: g for g in self.described["gains"]}
         for name, value in {**gains, "period": guard.period}.items():
             if name not in wanted:
-                problems.append(f"{self.law}: no gain named {name}; there are {list_nearest([name], list(wanted))}.")
+                problems.append(
+                    f"{self.law}: no gain named {name}; there are {join_nearest_names([name], list(wanted))}."
+                )
             elif name == "period" and name in gains and gains[name] != guard.period:
                 problems.append(f"{self.law}: period is no gain but the guard's, {guard.period} s; leave it out.")
             elif not is_number(value) or not bounds[name]["low"] <= value <= bounds[name]["high"]:
@@ -159,7 +168,7 @@ class Controller:
                 )
             else:
                 wanted[name] = float(value)
-        limits = self._limits(guard, problems)
+        limits = self._pack_limits(guard, problems)
         if problems:
             raise PlantError("\n".join(problems))
         numbers = np.zeros(self.arm.module.length("controller_configure", "gains"))
@@ -197,16 +206,16 @@ class Controller:
     def torque_limits(self) -> tuple[Array, Array]:
         """Largest torque (n, N m) and torque rate (n, N m/s) of the guard."""
         n = self.arm.n
-        limits = self._limits(self.guard, [])
+        limits = self._pack_limits(self.guard, [])
         return limits[5 : 5 + n], limits[5 + n : 5 + 2 * n]
 
-    def _limits(self, guard: Guard, problems: list[str]) -> Array:
+    def _pack_limits(self, guard: Guard, problems: list[str]) -> Array:
         """The guard's numbers in the order of hda_bridge.h; a sentence on each wrong one is added to ``problems``."""
         if not isinstance(guard.safe, Safe):
             problems.append(f"safe is one of {', '.join(map(str, Safe))}, not {guard.safe}.")
         for name in ("stale_stamp_ticks", "stale_bits_ticks"):
-            if not isinstance(getattr(guard, name), int) or not 1 <= getattr(guard, name) <= NEVER:
-                problems.append(f"{name} is a whole number from 1 to {NEVER}, not {getattr(guard, name)}.")
+            if not isinstance(getattr(guard, name), int) or not 1 <= getattr(guard, name) <= NEVER_TICKS:
+                problems.append(f"{name} is a whole number from 1 to {NEVER_TICKS}, not {getattr(guard, name)}.")
         if np.shape(guard.period_share) != (2,):
             problems.append(f"period_share is two numbers, shortest and longest, not {guard.period_share}.")
         joints, n = self.arm.robot["joints"], self.arm.n
@@ -218,14 +227,16 @@ class Controller:
             "torque_rate": "motor_torque_rate in [joint.limits]",
         }
         stated = {
-            "torque_limit": [_most(drive, limit) for drive, limit in zip(drives, limits, strict=True)],
+            "torque_limit": [_find_largest_torque(drive, limit) for drive, limit in zip(drives, limits, strict=True)],
             "torque_rate": [limit["motor_torque_rate"] for limit in limits],
             "motor_jump": [
-                _jump(limit["speed"], guard.period, drive["ratio"]["nominal"], sensor["motor_encoder_resolution"])
+                _find_largest_jump(
+                    limit["speed"], guard.period, drive["ratio"]["nominal"], sensor["motor_encoder_resolution"]
+                )
                 for limit, drive, sensor in zip(limits, drives, sensors, strict=True)
             ],
             "joint_jump": [
-                _jump(limit["speed"], guard.period, 1.0, sensor["joint_encoder_resolution"])
+                _find_largest_jump(limit["speed"], guard.period, 1.0, sensor["joint_encoder_resolution"])
                 for limit, sensor in zip(limits, sensors, strict=True)
             ],
         }
@@ -271,18 +282,18 @@ class Controller:
             PlantError: A channel's name or length is wrong.
 
         """
-        self._fill(now, stamp, measured)
+        self._write_measurement(now, stamp, measured)
         if reference is not None:
-            self.reference[:] = _entries("reference", reference, len(self.reference))
+            self.reference[:] = _check_entries("reference", reference, len(self.reference))
         self._tick.run()
         return int(self._status[0])
 
-    def _fill(self, now: float, stamp: float | None, measured: Mapping[str, ArrayLike]) -> None:
+    def _write_measurement(self, now: float, stamp: float | None, measured: Mapping[str, ArrayLike]) -> None:
         values = {}
         for name, value in measured.items():
             if name not in self._channels:
-                raise PlantError(f"no measured channel is named {name}; there are {', '.join(CHANNELS)}.")
-            values[name] = _entries(name, value, len(self._channels[name]))
+                raise PlantError(f"no measured channel is named {name}; there are {', '.join(MEASUREMENT_CHANNELS)}.")
+            values[name] = _check_entries(name, value, len(self._channels[name]))
         for name, value in values.items():
             self._channels[name][:] = value
         self._now[0] = now
@@ -314,7 +325,7 @@ class Controller:
             0, or the status of the reason why the controller stays in the safe state.
 
         """
-        self._fill(now, stamp, measured)
+        self._write_measurement(now, stamp, measured)
         self._recover.run()
         return int(self._status[0])
 
@@ -358,7 +369,7 @@ class Controller:
         return tuple(self.described["gains"])
 
 
-def _entries(name: str, value: ArrayLike, count: int) -> Array:
+def _check_entries(name: str, value: ArrayLike, count: int) -> Array:
     """Turn a value into ``count`` real numbers, NaN and infinity among them: the guard judges those."""
     try:
         entries = np.asarray(value, float)
@@ -369,7 +380,7 @@ def _entries(name: str, value: ArrayLike, count: int) -> Array:
     return entries
 
 
-def _most(drive: Mapping[str, Any], limit: Mapping[str, Any]) -> float | None:
+def _find_largest_torque(drive: Mapping[str, Any], limit: Mapping[str, Any]) -> float | None:
     """The largest motor torque that the robot file allows, N m: that of the largest current, or, where the input is a
     torque, that of the joint's limit."""
     constant, current, torque = drive["torque_constant"], drive["max_current"], limit["torque"]
@@ -380,14 +391,14 @@ def _most(drive: Mapping[str, Any], limit: Mapping[str, Any]) -> float | None:
     return None
 
 
-def _jump(speed: float | None, period: float, ratio: float, resolution: float) -> float:
+def _find_largest_jump(speed: float | None, period: float, ratio: float, resolution: float) -> float:
     """The largest plausible step of an encoder in a tick that comes as late as it may, with its own resolution."""
     if speed is None:
-        return UNLIMITED
+        return UNLIMITED_FORCE
     return 2 * abs(ratio) * speed * period + resolution
 
 
-def fitting(controller: Controller, reference: Reference, near: ArrayLike) -> Reference:
+def convert_to_law_space(controller: Controller, reference: Reference, near: ArrayLike) -> Reference:
     """Convert a motion to the space of a controller's law, joints or tip.
 
     Args:
@@ -406,5 +417,5 @@ def fitting(controller: Controller, reference: Reference, near: ArrayLike) -> Re
     if reference.space == wanted:
         return reference
     if wanted == "joint":
-        return to_joints(controller.arm, reference, near)
+        return convert_to_joint_motion(controller.arm, reference, near)
     raise PlantError(f"{controller.law} follows the tip; give a motion of the tip, not of the joints.")

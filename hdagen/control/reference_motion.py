@@ -11,9 +11,9 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 
-MOST_ROWS = 10**8
-CLOSE = 1e-10  # m, of the inverse kinematics
-MOST_STEPS = 60  # Newton steps of the inverse kinematics
+MOST_REFERENCE_ROWS = 10**8
+TIP_TOLERANCE = 1e-10  # m, of the inverse kinematics
+MOST_KINEMATICS_STEPS = 60  # Newton steps of the inverse kinematics
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Reference:
         return np.ascontiguousarray(np.hstack([self.position, self.velocity, self.acceleration]))
 
 
-def smooth_step(share: ArrayLike) -> tuple[Array, Array, Array]:
+def compute_smooth_step(share: ArrayLike) -> tuple[Array, Array, Array]:
     """Compute the minimum-jerk step: from 0 at 0 to 1 at 1 without a jump in acceleration.
 
     Args:
@@ -87,14 +87,14 @@ def circle(
         raise PlantError(f"a circle needs positive, finite numbers; found {', '.join(wrong)}.")
     if np.shape(center) != (2,) or not np.isfinite(center).all():
         raise PlantError(f"the circle's center is a finite point (x, y), m, not {center}.")
-    if not 0.5 < seconds / period <= MOST_ROWS:
-        raise PlantError(f"{seconds} s in periods of {period} s make no motion of 1 to {MOST_ROWS:g} rows.")
+    if not 0.5 < seconds / period <= MOST_REFERENCE_ROWS:
+        raise PlantError(f"{seconds} s in periods of {period} s make no motion of 1 to {MOST_REFERENCE_ROWS:g} rows.")
     t = np.arange(round(seconds / period)) * period
     s = np.clip(t / start, 0, 1)
     w = 2 * np.pi / turn
     rising = t < start
     angle = w * np.where(rising, start * (2.5 * s**4 - 3 * s**5 + s**6), t - start / 2)
-    share, slope, _ = smooth_step(s)
+    share, slope, _ = compute_smooth_step(s)
     rate, change = w * share, w * slope / start
     out, along = np.c_[np.cos(angle), np.sin(angle)], np.c_[-np.sin(angle), np.cos(angle)]
     velocity = radius * rate[:, None] * along
@@ -102,7 +102,7 @@ def circle(
     return Reference("tip", period, np.asarray(center) + radius * out, velocity, acceleration)
 
 
-def posture(arm: Arm, point: ArrayLike, near: ArrayLike) -> Array:
+def solve_inverse_kinematics(arm: Arm, point: ArrayLike, near: ArrayLike) -> Array:
     """Solve the inverse kinematics of a point by Newton's method with bounded steps.
 
     Args:
@@ -122,9 +122,9 @@ def posture(arm: Arm, point: ArrayLike, near: ArrayLike) -> Array:
         raise PlantError(f"posture takes a point (x, y) and {arm.n} joint positions.")
     if not (np.isfinite(goal).all() and np.isfinite(q).all()):
         raise PlantError(f"the point {goal} or the joint positions {q} hold NaN or infinity; give finite numbers.")
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_KINEMATICS_STEPS):
         gap = goal - arm.evaluate("points", q=q)["points"][-2:]
-        if np.hypot(*gap) < CLOSE:
+        if np.hypot(*gap) < TIP_TOLERANCE:
             return q
         J = arm.evaluate("tip_jacobian", q=q, v=np.zeros(arm.n))["J"].reshape(arm.n, 2).T
         step = np.linalg.lstsq(J, gap, rcond=1e-9)[0]
@@ -136,7 +136,7 @@ def posture(arm: Arm, point: ArrayLike, near: ArrayLike) -> Array:
     )
 
 
-def to_joints(arm: Arm, reference: Reference, near: ArrayLike) -> Reference:
+def convert_to_joint_motion(arm: Arm, reference: Reference, near: ArrayLike) -> Reference:
     """Convert a motion of the tip to the joints, acceleration included.
 
     Args:
@@ -154,7 +154,7 @@ def to_joints(arm: Arm, reference: Reference, near: ArrayLike) -> Reference:
     positions = np.empty((len(reference.position), arm.n))
     q = np.asarray(near, float)
     for k, point in enumerate(reference.position):
-        q = posture(arm, point, q)
+        q = solve_inverse_kinematics(arm, point, q)
         positions[k] = q
     at_rest = arm.evaluate("tip_jacobian", q=positions, v=np.zeros(arm.n))
     J = at_rest["J"].reshape(-1, arm.n, 2).transpose(0, 2, 1)

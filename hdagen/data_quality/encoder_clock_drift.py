@@ -12,16 +12,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdagen.log.channel_statistics import describe, even
+from hdagen.log.channel_statistics import compute_channel_statistics, make_uniform_grid
 from hdagen.log.measured_log import Log
 
-_SURE = 6.0  # standard errors
-_BLOCKS = 10  # of time, each left out once by the jackknife
-_FELT = 2.0  # times the noise of the encoders, that a drift must reach
-_MOST = 1e-2  # of a clock's rate; more is no drift of a clock
+_SURE_STANDARD_ERRORS = 6.0  # standard errors
+_JACKKNIFE_BLOCKS = 10  # of time, each left out once by the jackknife
+_LEAST_NOISE_MULTIPLE = 2.0  # times the noise of the encoders, that a drift must reach
+_LARGEST_DRIFT_RATE = 1e-2  # of a clock's rate; more is no drift of a clock
 
 
-def drifts(log: Log, ratios: Sequence[float]) -> dict[int, float]:
+def find_clock_drifts(log: Log, ratios: Sequence[float]) -> dict[int, float]:
     """Find joints whose own encoder has a clock that runs slower, or faster, than the motor's.
 
     Args:
@@ -37,18 +37,22 @@ def drifts(log: Log, ratios: Sequence[float]) -> dict[int, float]:
         motor, link = f"motor_position_{joint}", f"joint_position_{joint}"
         if motor not in log or link not in log:
             continue
-        channels = describe(motor, log[motor] / ratio), describe(link, log[link])
-        if not all(channel.moves for channel in channels):
+        channels = compute_channel_statistics(motor, log[motor] / ratio), compute_channel_statistics(link, log[link])
+        if not all(channel.is_moving for channel in channels):
             continue
-        rate, error, speed = _rate(log, log[motor] / ratio, log[link])
+        rate, error, speed = _fit_delay_growth(log, log[motor] / ratio, log[link])
         noise = float(np.hypot(channels[0].noise, channels[1].noise))
         late = abs(rate) * float(np.ptp(log.time)) / 2
-        if abs(rate) > _SURE * error and late * speed > _FELT * noise and abs(rate) < _MOST:
+        if (
+            abs(rate) > _SURE_STANDARD_ERRORS * error
+            and late * speed > _LEAST_NOISE_MULTIPLE * noise
+            and abs(rate) < _LARGEST_DRIFT_RATE
+        ):
             found[joint] = rate
     return found
 
 
-def on_motor_clock(log: Log, joint: int, rate: float) -> Log:
+def correct_clock_drift(log: Log, joint: int, rate: float) -> Log:
     """Bring the readings of a joint's encoder to the clock of its motor's.
 
     Args:
@@ -69,15 +73,15 @@ def on_motor_clock(log: Log, joint: int, rate: float) -> Log:
     return replace(log, columns={**log.columns, **brought})
 
 
-def _rate(log: Log, motor: np.ndarray, link: np.ndarray) -> tuple[float, float, float]:
+def _fit_delay_growth(log: Log, motor: np.ndarray, link: np.ndarray) -> tuple[float, float, float]:
     """Growth of the delay, its standard error, and the usual speed."""
-    grid = even(log.time)
+    grid = make_uniform_grid(log.time)
     position, twist = grid.smooth(link), grid.smooth(motor - link)
-    speed = grid.rate(position)
+    speed = grid.differentiate(position)
     slow = max(0.05 * float(np.quantile(np.abs(speed), 0.9)), 1e-12)
-    terms = np.stack([speed, grid.rate(speed), np.tanh(speed / slow), position, np.ones_like(speed)], 1)
+    terms = np.stack([speed, grid.differentiate(speed), np.tanh(speed / slow), position, np.ones_like(speed)], 1)
     since = grid.time - grid.time.mean()
-    rows = slice(2 * grid.width, -2 * grid.width, grid.width)
+    rows = slice(2 * grid.window_rows, -2 * grid.window_rows, grid.window_rows)
     X = np.hstack([since[:, None] * terms, terms])[rows]
     size = np.maximum(np.abs(X).max(0, initial=0.0), 1e-300)
     if len(X) < 4 * X.shape[1]:
@@ -87,7 +91,7 @@ def _rate(log: Log, motor: np.ndarray, link: np.ndarray) -> tuple[float, float, 
     def fitted(kept: np.ndarray) -> float:
         return float(np.linalg.lstsq(X[kept], y[kept], rcond=1e-9)[0][0] / size[0])
 
-    block = np.arange(len(X)) * _BLOCKS // len(X)
-    without = np.array([fitted(block != b) for b in range(_BLOCKS)])
-    error = float(np.sqrt((_BLOCKS - 1) * np.mean((without - without.mean()) ** 2)))
+    block = np.arange(len(X)) * _JACKKNIFE_BLOCKS // len(X)
+    without = np.array([fitted(block != b) for b in range(_JACKKNIFE_BLOCKS)])
+    error = float(np.sqrt((_JACKKNIFE_BLOCKS - 1) * np.mean((without - without.mean()) ** 2)))
     return fitted(block >= 0), error, float(np.std(speed))

@@ -30,7 +30,7 @@ class Finding:
     repair: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
 
-def in_words(repair: Mapping[str, Any]) -> str:
+def format_repair(repair: Mapping[str, Any]) -> str:
     """Write a repair in a sentence, as in ``unit = "deg" under [motor_position_1]``.
 
     Args:
@@ -57,7 +57,7 @@ def in_words(repair: Mapping[str, Any]) -> str:
 
 
 @dataclass(frozen=True)
-class Machine:
+class RobotFacts:
     """The facts of a robot that triage needs, one entry a joint; None where the robot file does not say.
 
     Ratios are of motor over joint (1, or rad/m where the joint slides), resolutions in rad or m, currents in A, and

@@ -7,24 +7,30 @@ from collections.abc import Mapping
 import numpy as np
 
 from hdagen.data_quality.finding import Finding, Severity
-from hdagen.data_quality.inputs import INPUTS, PAIRS
-from hdagen.data_quality.inputs_vs_motion import Motion, unexplained
-from hdagen.log.channel_statistics import Channel
+from hdagen.data_quality.inputs import COMMAND_MEASUREMENT_PAIRS, INPUT_QUANTITIES
+from hdagen.data_quality.inputs_vs_motion import SmoothedMotion, measure_unexplained_input
+from hdagen.log.channel_statistics import ChannelStatistics
 from hdagen.log.measured_log import Log
-from hdagen.support.row_runs import stretches
+from hdagen.support.row_runs import find_true_runs
 
-_INPUT_RUN, _POSITION_RUN = 0.01, 0.03  # s at one value that count; a slow encoder stands still at a reversal
-_ROWS = 5
-_NEAR = 4  # rows beside a run, whose median move is its speed
-_FAST = 0.2  # share of the usual speed from which a motion is not about to turn
-_ABRUPT = 2.0  # times the largest change of speed elsewhere in the log
-_MOST, _NOISES = 0.95, 4.0  # share of rows in which a measurement is its command, within so many times its noise
-_PASSIVE = 0.25  # share of the strongest joint's input that a joint which is not driven may read
-_BEYOND = 3.0  # times the fit's error, by which the motion must require more than a saturated input
-_SHARE = 0.05  # of the bound, by which it must do so, too
+_LEAST_INPUT_RUN, _LEAST_POSITION_RUN = (
+    0.01,
+    0.03,
+)  # s at one value that count; a slow encoder stands still at a reversal
+_LEAST_RUN_ROWS = 5
+_SPEED_ROWS = 4  # rows beside a run, whose median move is its speed
+_LEAST_SPEED_SHARE = 0.2  # share of the usual speed from which a motion is not about to turn
+_ABRUPT_RATIO = 2.0  # times the largest change of speed elsewhere in the log
+_COMMANDED_ROWS_SHARE, _COMMANDED_NOISE_MULTIPLE = (
+    0.95,
+    4.0,
+)  # share of rows in which a measurement is its command, within so many times its noise
+_PASSIVE_INPUT_SHARE = 0.25  # share of the strongest joint's input that a joint which is not driven may read
+_LEAST_ERROR_RATIO = 3.0  # times the fit's error, by which the motion must require more than a saturated input
+_LEAST_BOUND_SHARE = 0.05  # of the bound, by which it must do so, too
 
 
-def still(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
+def find_frozen_channels(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Finding]:
     """Find encoders and inputs that stay at one value while their joint moves.
 
     Args:
@@ -38,47 +44,52 @@ def still(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
     findings = []
     for joint in range(1, log.n_joints + 1):
         sides = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in channels]
-        moving = [name for name in sides if channels[name].moves]
+        moving = [name for name in sides if channels[name].is_moving]
         if not moving:
             continue
-        inputs = [name for base in INPUTS if (name := f"{base}_{joint}") in channels]
-        driven = [name for name in inputs if not channels[name].constant]
+        inputs = [name for base in INPUT_QUANTITIES if (name := f"{base}_{joint}") in channels]
+        driven = [name for name in inputs if not channels[name].is_constant]
         findings += [
-            _unread(channels[name], f"{moving[0]} moves", joint)
+            _refuse_unread(channels[name], f"{moving[0]} moves", joint)
             for name in sides
-            if name not in moving and channels[name].constant
+            if name not in moving and channels[name].is_constant
         ]
-        if driven and not _passive(log, channels, joint):
+        if driven and not _is_passive(log, channels, joint):
             findings += [
-                _unread(channels[name], f"{driven[0]} does not", joint)
+                _refuse_unread(channels[name], f"{driven[0]} does not", joint)
                 for name in inputs
-                if name not in driven and not _kept(log, channels[name], channels, joint)
+                if name not in driven and not _follows_command(log, channels[name], channels, joint)
             ]
         elif inputs:
-            findings.append(_driven_by_nothing([channels[name] for name in inputs], joint))
+            findings.append(_explain_undriven_joint([channels[name] for name in inputs], joint))
     return findings
 
 
-def _passive(log: Log, channels: Mapping[str, Channel], joint: int) -> bool:
+def _is_passive(log: Log, channels: Mapping[str, ChannelStatistics], joint: int) -> bool:
     """Whether a joint is commanded 0 all along, and its measured input is small beside the other joints'."""
-    for commanded, measured in PAIRS:
+    for commanded, measured in COMMAND_MEASUREMENT_PAIRS:
         command, name = channels.get(f"{commanded}_{joint}"), f"{measured}_{joint}"
         if command is not None and command.low == command.high == 0.0 and name in log:
             sizes = [np.std(log[f"{measured}_{j}"]) for j in range(1, log.n_joints + 1) if f"{measured}_{j}" in log]
-            return bool(np.std(log[name]) < _PASSIVE * max(sizes))
+            return bool(np.std(log[name]) < _PASSIVE_INPUT_SHARE * max(sizes))
     return False
 
 
-def _kept(log: Log, command: Channel, channels: Mapping[str, Channel], joint: int) -> bool:
+def _follows_command(
+    log: Log, command: ChannelStatistics, channels: Mapping[str, ChannelStatistics], joint: int
+) -> bool:
     """Whether the measured input stays at the command's one value, but for noise and the rise to it."""
-    for commanded, measured in PAIRS:
+    for commanded, measured in COMMAND_MEASUREMENT_PAIRS:
         found = channels.get(f"{measured}_{joint}")
         if command.name == f"{commanded}_{joint}" and found is not None:
-            return bool(np.quantile(np.abs(log[found.name] - command.low), _MOST) < _NOISES * found.noise)
+            return bool(
+                np.quantile(np.abs(log[found.name] - command.low), _COMMANDED_ROWS_SHARE)
+                < _COMMANDED_NOISE_MULTIPLE * found.noise
+            )
     return False
 
 
-def _unread(channel: Channel, other: str, joint: int) -> Finding:
+def _refuse_unread(channel: ChannelStatistics, other: str, joint: int) -> Finding:
     """A finding that a channel is not read, as ``other`` moves meanwhile."""
     sentence = (
         f"{channel.name} stays at {channel.low:.5g} while {other}: it is not read; repair that and record again, or "
@@ -87,13 +98,13 @@ def _unread(channel: Channel, other: str, joint: int) -> Finding:
     return Finding(Severity.REFUSE, "still", joint, sentence)
 
 
-def _driven_by_nothing(inputs: list[Channel], joint: int) -> Finding:
+def _explain_undriven_joint(inputs: list[ChannelStatistics], joint: int) -> Finding:
     """A finding for a joint that moves while its input does not.
 
     It may be pulled along by the others, fall or coast; otherwise its input was not recorded, which the robot's model
     decides (`against_model.driven`). A measurement has noise, so an input at one value was not measured.
     """
-    constant = [c for c in inputs if c.constant]
+    constant = [c for c in inputs if c.is_constant]
     channel = next((c for c in constant if "_command_" not in c.name), constant[0])
     says = f"{channel.name} stays at {channel.low:.5g} while joint {joint} moves"
     if channel.low == 0.0 and "_command_" in channel.name:
@@ -103,7 +114,7 @@ def _driven_by_nothing(inputs: list[Channel], joint: int) -> Finding:
     return Finding(Severity.REFUSE, "still", joint, sentence)
 
 
-def cut_positions(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
+def find_saturated_positions(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Finding]:
     """Find positions that stand at an extreme and go on from it as fast as they came: the sensor's range has ended.
 
     A joint that sticks or strikes a stop has to be accelerated again, and is at rest before it moves off.
@@ -119,9 +130,9 @@ def cut_positions(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
     findings = []
     for joint in range(1, log.n_joints + 1):
         for name in (f"{side}_position_{joint}" for side in ("motor", "joint")):
-            if name not in channels or not channels[name].moves:
+            if name not in channels or not channels[name].is_moving:
                 continue
-            if runs := _cut_runs(log, name):
+            if runs := _find_cut_runs(log, name):
                 rows = sum(stop - start for start, stop in runs)
                 sentence = (
                     f"{name} stands at {channels[name].low:.5g} or {channels[name].high:.5g} and goes on as fast as it "
@@ -132,7 +143,7 @@ def cut_positions(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
     return findings
 
 
-def cut_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) -> list[Finding]:
+def find_saturated_inputs(log: Log, channels: Mapping[str, ChannelStatistics], moving: SmoothedMotion) -> list[Finding]:
     """Find inputs that stand at an extreme while the motion requires more: the recording is saturated, not the drive.
 
     Args:
@@ -146,20 +157,20 @@ def cut_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) -> lis
     """
     findings = []
     for one, joint in enumerate(moving.joints):
-        for name in (f"{base}_{joint}" for base in INPUTS):
-            if name not in channels or channels[name].constant:
+        for name in (f"{base}_{joint}" for base in INPUT_QUANTITIES):
+            if name not in channels or channels[name].is_constant:
                 continue
             held = np.zeros(len(log), bool)
-            for start, stop in _runs(log, name, _INPUT_RUN):
+            for start, stop in _find_extreme_runs(log, name, _LEAST_INPUT_RUN):
                 held[start:stop] = True
             if not held.any():
                 continue
-            beyond = unexplained(log, moving, one, name, held)
+            beyond = measure_unexplained_input(log, moving, one, name, held)
             if beyond is None:
                 continue
             excess, error = beyond
             bound = max(abs(channels[name].low), abs(channels[name].high))
-            if excess > _BEYOND * error and excess > _SHARE * bound:
+            if excess > _LEAST_ERROR_RATIO * error and excess > _LEAST_BOUND_SHARE * bound:
                 sentence = (
                     f"{name} stands at {channels[name].low:.4g} or {channels[name].high:.4g} in "
                     f"{100 * np.count_nonzero(held) / len(log):.2g} % of the rows, and the motion there asks for "
@@ -169,31 +180,31 @@ def cut_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) -> lis
     return findings
 
 
-def _runs(log: Log, name: str, shortest: float) -> list[tuple[int, int]]:
+def _find_extreme_runs(log: Log, name: str, shortest: float) -> list[tuple[int, int]]:
     """Rows [start, stop) in which the column stays at its smallest or largest value for at least ``shortest`` s."""
-    values, least = log[name], max(_ROWS, round(shortest / log.period))
+    values, least = log[name], max(_LEAST_RUN_ROWS, round(shortest / log.period))
     runs = []
     for extreme in (values.min(), values.max()):
-        runs += [(int(a), int(b)) for a, b in stretches(values == extreme) if b - a >= least]
+        runs += [(int(a), int(b)) for a, b in find_true_runs(values == extreme) if b - a >= least]
     return sorted(runs)
 
 
-def _cut_runs(log: Log, name: str) -> list[tuple[int, int]]:
+def _find_cut_runs(log: Log, name: str) -> list[tuple[int, int]]:
     """Runs at an extreme that the joint enters and leaves at full speed, from one row to the next.
 
     The speed changes there by far more than anywhere else: no drive can do that twice in a row.
     """
-    values, runs = log[name], _runs(log, name, _POSITION_RUN)
+    values, runs = log[name], _find_extreme_runs(log, name, _LEAST_POSITION_RUN)
     moves = np.diff(values) / np.maximum(np.rint(np.diff(log.time) / log.period), 1)
     usual = float(np.sqrt(np.mean(moves**2)))
     away = np.ones(len(moves) - 1, bool)  # of the changes of speed, those beside no run
     for start, stop in runs:
         away[max(start - 3, 0) : stop + 2] = False
     elsewhere = float(np.abs(np.diff(moves))[away].max(initial=0.0))
-    least = max(_FAST * usual, _ABRUPT * elsewhere)
+    least = max(_LEAST_SPEED_SHARE * usual, _ABRUPT_RATIO * elsewhere)
     cut = []
     for start, stop in runs:
-        sides = (moves[max(start - 1 - _NEAR, 0) : start - 1], moves[stop : stop + _NEAR])
-        if all(len(side) == _NEAR and np.abs(np.median(side)) > least for side in sides):
+        sides = (moves[max(start - 1 - _SPEED_ROWS, 0) : start - 1], moves[stop : stop + _SPEED_ROWS])
+        if all(len(side) == _SPEED_ROWS and np.abs(np.median(side)) > least for side in sides):
             cut.append((start, stop))
     return cut

@@ -8,20 +8,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.data_quality.finding import Finding, Machine, Severity
-from hdagen.log.channel_statistics import Channel, relation
-from hdagen.log.measured_log import Log, gaps
+from hdagen.data_quality.finding import Finding, RobotFacts, Severity
+from hdagen.log.channel_statistics import ChannelStatistics, fit_slope_and_correlation
+from hdagen.log.measured_log import Log, find_gaps
 
-PAIRS = (("motor_current_command", "motor_current"), ("motor_torque_command", "motor_torque"))  # commanded, measured
-INPUTS = tuple(base for pair in PAIRS for base in pair)
+COMMAND_MEASUREMENT_PAIRS = (
+    ("motor_current_command", "motor_current"),
+    ("motor_torque_command", "motor_torque"),
+)  # commanded, measured
+INPUT_QUANTITIES = tuple(base for pair in COMMAND_MEASUREMENT_PAIRS for base in pair)
 _LONGEST_LAG = 0.1  # s, searched between command and measurement
-_EARLIEST = -5  # rows, earliest lag that is searched
-_CLEAR = 0.5  # of the misfit at the usual lag, that a lag before the command must leave at most to be a mistake
-_TOLD = 3  # rows from which the motion decides whether command or measurement is logged in the wrong row
+_EARLIEST_LAG_ROWS = -5  # rows, earliest lag that is searched
+_CLEAR_MISFIT_RATIO = (
+    0.5  # of the misfit at the usual lag, that a lag before the command must leave at most to be a mistake
+)
+_LEAST_EARLY_ROWS = 3  # rows from which the motion decides whether command or measurement is logged in the wrong row
 UNSTATED_CURRENT = 200.0  # A; above it, unless the robot file states such a drive, currents are in mA
 
 
-def known(stated: float | None) -> str:
+def state_max_current(stated: float | None) -> str:
     """State a drive's largest current in a sentence.
 
     Args:
@@ -36,7 +41,7 @@ def known(stated: float | None) -> str:
     return "the robot file states no max_current"
 
 
-def current_sizes(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
+def check_current_sizes(channels: Mapping[str, ChannelStatistics], machine: RobotFacts) -> list[Finding]:
     """Check currents against the drive's largest one: beyond it they are in mA, once misread rows are taken out.
 
     Args:
@@ -57,7 +62,7 @@ def current_sizes(channels: Mapping[str, Channel], machine: Machine) -> list[Fin
                 most = 10 * stated
             if peak > most:
                 sentence = (
-                    f"{name} reaches {peak:.4g}, {known(stated)}: mA? "
+                    f"{name} reaches {peak:.4g}, {state_max_current(stated)}: mA? "
                     f'Then set unit = "mA" under [{name}] in columns.toml.'
                 )
                 findings.append(Finding(Severity.REFUSE, "milliamperes", joint, sentence, {name: {"unit": "mA"}}))
@@ -69,17 +74,17 @@ class Lag:
     """A measured input against its command: the lag that fits best, in ``rows`` and, more finely, in ``seconds``.
 
     ``slope`` is measured over commanded there; ``misfit`` the share of variance that is not explained at that lag, and
-    ``usual`` that at a lag of one row, which a drive without delay has.
+    ``usual_misfit`` that at a lag of one row, which a drive without delay has.
     """
 
     rows: int
     seconds: float
     slope: float
     misfit: float
-    usual: float
+    usual_misfit: float
 
 
-def lag(command: np.ndarray, measured: np.ndarray, period: float) -> Lag | None:
+def estimate_lag(command: np.ndarray, measured: np.ndarray, period: float) -> Lag | None:
     """Estimate the lag of a measured input behind its command.
 
     Args:
@@ -92,18 +97,18 @@ def lag(command: np.ndarray, measured: np.ndarray, period: float) -> Lag | None:
 
     """
     latest = max(10, round(_LONGEST_LAG / period))
-    inner = command[-_EARLIEST : len(command) - latest]
+    inner = command[-_EARLIEST_LAG_ROWS : len(command) - latest]
     if len(command) < 4 * latest:
         return None
-    lags = range(_EARLIEST, latest + 1)
+    lags = range(_EARLIEST_LAG_ROWS, latest + 1)
     slopes, misfits = [], []
     for rows in lags:
-        later = measured[rows - _EARLIEST : rows - _EARLIEST + len(inner)]
+        later = measured[rows - _EARLIEST_LAG_ROWS : rows - _EARLIEST_LAG_ROWS + len(inner)]
         both = np.isfinite(inner) & np.isfinite(later)
         pair = (inner, later) if both.all() else (inner[both], later[both])
         if len(pair[0]) < latest or np.ptp(pair[0]) == 0 or np.ptp(pair[1]) == 0:
             return None
-        slope, correlation = relation(*pair)
+        slope, correlation = fit_slope_and_correlation(*pair)
         slopes.append(slope)
         misfits.append(max(0.0, 1 - correlation**2))
     best = int(np.argmin(misfits))
@@ -114,10 +119,10 @@ def lag(command: np.ndarray, measured: np.ndarray, period: float) -> Lag | None:
         left, middle, right = misfits[best - 1 : best + 2]
         if left + right > 2 * middle:
             vertex = 0.5 * (left - right) / (left - 2 * middle + right)
-    return Lag(lags[best], (lags[best] + vertex) * period, slopes[best], misfits[best], misfits[1 - _EARLIEST])
+    return Lag(lags[best], (lags[best] + vertex) * period, slopes[best], misfits[best], misfits[1 - _EARLIEST_LAG_ROWS])
 
 
-def lags(log: Log) -> dict[str, Lag]:
+def estimate_lags(log: Log) -> dict[str, Lag]:
     """Estimate the lag of each measured current or torque behind its command.
 
     Args:
@@ -128,29 +133,29 @@ def lags(log: Log) -> dict[str, Lag]:
 
     """
     found = {}
-    for commanded, measured in PAIRS:
+    for commanded, measured in COMMAND_MEASUREMENT_PAIRS:
         for joint in range(1, log.n_joints + 1):
             names = f"{commanded}_{joint}", f"{measured}_{joint}"
             if all(name in log for name in names):
-                one = lag(*_spread(log, names), log.period)
+                one = estimate_lag(*_fill_missing_rows(log, names), log.period)
                 if one is not None:
                     found[names[1]] = one
     return found
 
 
-def _spread(log: Log, names: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
+def _fill_missing_rows(log: Log, names: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
     """Columns with a NaN for each row that is missing; of a long gap only as many as the longest lag."""
-    rows, missing = gaps(log.time)
+    rows, missing = find_gaps(log.time)
     steps = np.ones(len(log), int)
-    steps[rows + 1] += np.minimum(missing, max(10, round(_LONGEST_LAG / log.period)) - _EARLIEST)
+    steps[rows + 1] += np.minimum(missing, max(10, round(_LONGEST_LAG / log.period)) - _EARLIEST_LAG_ROWS)
     place = np.cumsum(steps) - 1
     spread = np.full((len(names), place[-1] + 1), np.nan)
     spread[:, place] = [log[name] for name in names]
     return spread[0], spread[1]
 
 
-def measured_against_command(
-    log: Log, found: Mapping[str, Lag], machine: Machine, behind: Mapping[str, float]
+def check_measured_inputs(
+    log: Log, found: Mapping[str, Lag], machine: RobotFacts, behind: Mapping[str, float]
 ) -> list[Finding]:
     """Check the scale of each measured input against its command, and the row in which it shows it.
 
@@ -165,16 +170,16 @@ def measured_against_command(
 
     """
     findings = []
-    for commanded, measured in PAIRS:
+    for commanded, measured in COMMAND_MEASUREMENT_PAIRS:
         for joint in range(1, log.n_joints + 1):
             command, name = f"{commanded}_{joint}", f"{measured}_{joint}"
             if name in found:
-                findings += _scale(found[name], command, name, machine.ratios[joint - 1], joint)
-                findings += _row(log, found[name], command, name, joint, behind.get(name, math.nan))
+                findings += _check_scale(found[name], command, name, machine.ratios[joint - 1], joint)
+                findings += _check_row_shift(log, found[name], command, name, joint, behind.get(name, math.nan))
     return findings
 
 
-def _scale(one: Lag, command: str, name: str, ratio: float, joint: int) -> list[Finding]:
+def _check_scale(one: Lag, command: str, name: str, ratio: float, joint: int) -> list[Finding]:
     """Whether a measured input is in another unit than its command, or at the joint's side of the gear."""
     says = f"{name} is {one.slope:.4g} times its command"
     for factor, what, who in ((1e3, "mA against A", name), (1e-3, "A against mA", command)):
@@ -192,7 +197,7 @@ def _scale(one: Lag, command: str, name: str, ratio: float, joint: int) -> list[
     return []
 
 
-def _row(log: Log, one: Lag, command: str, name: str, joint: int, behind: float) -> list[Finding]:
+def _check_row_shift(log: Log, one: Lag, command: str, name: str, joint: int, behind: float) -> list[Finding]:
     """A command is held from its row to the next: the measurement cannot show it before the next row."""
     if np.array_equal(log[command], log[name]):
         sentence = (
@@ -200,13 +205,13 @@ def _row(log: Log, one: Lag, command: str, name: str, joint: int, behind: float)
             f'ignore = ["{name}"] in columns.toml.'
         )
         return [Finding(Severity.REFUSE, "row_shift", joint, sentence, {"ignore": [name]})]
-    if one.rows <= 0 and one.misfit < 0.9 * one.usual and one.misfit >= _CLEAR * one.usual:
+    if one.rows <= 0 and one.misfit < 0.9 * one.usual_misfit and one.misfit >= _CLEAR_MISFIT_RATIO * one.usual_misfit:
         sentence = (
             f"{name} fits {command} best {-1e3 * one.seconds:.2g} ms ahead of it, which cannot be, and hardly better "
             "than behind it: their shapes differ in another way."
         )
         return [Finding(Severity.NOTE, "row_shift", joint, sentence)]
-    if one.rows <= 0 and one.misfit < _CLEAR * one.usual:
+    if one.rows <= 0 and one.misfit < _CLEAR_MISFIT_RATIO * one.usual_misfit:
         early, shown = 1 - one.rows, "k"
         if one.rows:
             shown = f"k+{-one.rows}"
@@ -216,10 +221,10 @@ def _row(log: Log, one: Lag, command: str, name: str, joint: int, behind: float)
             "in columns.toml."
         )
         repair = {name: {"shift_rows": early}}
-        if early >= _TOLD and behind > -early / 2:  # the motion follows the measurement as it stands
+        if early >= _LEAST_EARLY_ROWS and behind > -early / 2:  # the motion follows the measurement as it stands
             repair = {command: {"shift_rows": -early}}
         return [Finding(Severity.REFUSE, "row_shift", joint, sentence, repair)]
-    if one.rows == 2 and one.misfit < 0.8 * one.usual:
+    if one.rows == 2 and one.misfit < 0.8 * one.usual_misfit:
         sentence = (
             f"{name} shows in row k the command of row k-2: the command is logged a row early, or the drive takes a "
             f"period more; if it is the log, set shift_rows = 1 under [{command}] in columns.toml."

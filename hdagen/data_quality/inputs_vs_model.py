@@ -14,23 +14,27 @@ from dataclasses import replace
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.data_quality.finding import Finding, Severity, in_words
-from hdagen.data_quality.inputs import INPUTS
-from hdagen.data_quality.inputs_vs_motion import Motion, motion
+from hdagen.data_quality.finding import Finding, Severity, format_repair
+from hdagen.data_quality.inputs import INPUT_QUANTITIES
+from hdagen.data_quality.inputs_vs_motion import SmoothedMotion, smooth_motion
 from hdagen.data_quality.rank_check import is_determined
 from hdagen.data_quality.relations import both_encoders_move
-from hdagen.log.channel_statistics import Channel, describe, even
+from hdagen.log.channel_statistics import ChannelStatistics, compute_channel_statistics, make_uniform_grid
 from hdagen.log.measured_log import Log
 
-_SCALE = 3.0  # ratio to the robot file's inertia that effects can explain: torque constant, payload, wrong mass
-_CORRELATED = 0.3  # correlation of input and inertial torque, below which neither determines the other
-_MILLI = 3.0  # ratio to 1000 within which a scale counts as that of thousandths
-_ALONE = 2.0  # times the torque that moves a joint without its drive, from which there must have been a drive
-_HELD = 3.0  # multiples of its dry friction that move any joint
-_BETTER = 1.5  # ratio by which the torsion must fit better with the joints exchanged
+_MOST_INERTIA_RATIO = (
+    3.0  # ratio to the robot file's inertia that effects can explain: torque constant, payload, wrong mass
+)
+_LEAST_CORRELATION = 0.3  # correlation of input and inertial torque, below which neither determines the other
+_MILLI_TOLERANCE = 3.0  # ratio to 1000 within which a scale counts as that of thousandths
+_DRIVEN_TORQUE_RATIO = (
+    2.0  # times the torque that moves a joint without its drive, from which there must have been a drive
+)
+_BREAKAWAY_RATIO = 3.0  # multiples of its dry friction that move any joint
+_EXCHANGED_FIT_RATIO = 1.5  # ratio by which the torsion must fit better with the joints exchanged
 
 
-def scale(log: Log, arm: Arm) -> list[Finding]:
+def check_inertia(log: Log, arm: Arm) -> list[Finding]:
     """Check the inertia that each input implies: not several times larger or smaller than the robot file's.
 
     Args:
@@ -41,25 +45,27 @@ def scale(log: Log, arm: Arm) -> list[Finding]:
         The findings.
 
     """
-    channels = {name: describe(name, values) for name, values in log.columns.items()}
-    moving = motion(log, channels, _ratios(arm), list(range(1, arm.n + 1)))
+    channels = {name: compute_channel_statistics(name, values) for name, values in log.columns.items()}
+    moving = smooth_motion(log, channels, _list_ratios(arm), list(range(1, arm.n + 1)))
     torque = _joint_torque(log, arm, moving)
     findings = []
     for one, joint in enumerate(moving.joints):
         ratio, rotor = arm.parameters[f"ratio_{joint}"], arm.parameters[f"motor_inertia_{joint}"]
         inertial = torque[:, joint - 1] / ratio + rotor * ratio * moving.acceleration[one]
-        for name in (f"{base}_{joint}" for base in INPUTS):
-            if name not in channels or channels[name].constant:
+        for name in (f"{base}_{joint}" for base in INPUT_QUANTITIES):
+            if name not in channels or channels[name].is_constant:
                 continue
             unit = _torque_per_input(arm, name, joint)
-            low, high = _between(_terms(moving, one, inertial), unit * moving.values(log, name))
-            if low > _SCALE or high < 1 / _SCALE:
+            low, high = _bound_coefficient(
+                _stack_friction_terms(moving, one, inertial), unit * moving.sample_column(log, name)
+            )
+            if low > _MOST_INERTIA_RATIO or high < 1 / _MOST_INERTIA_RATIO:
                 times = math.copysign(math.sqrt(low * high), high)
-                findings.append(_finding(name, joint, times, channels[name]))
+                findings.append(_explain_inertia(name, joint, times, channels[name]))
     return findings
 
 
-def driven(log: Log, arm: Arm) -> list[Finding]:
+def check_drives(log: Log, arm: Arm) -> list[Finding]:
     """Check that inputs and encoders were read.
 
     A joint may move as only a drive can move it while its inputs stay at one value. Another one's encoders may stay at
@@ -73,28 +79,28 @@ def driven(log: Log, arm: Arm) -> list[Finding]:
         The findings.
 
     """
-    channels = {name: describe(name, values) for name, values in log.columns.items()}
-    moving = motion(log, channels, _ratios(arm), list(range(1, arm.n + 1)))
+    channels = {name: compute_channel_statistics(name, values) for name, values in log.columns.items()}
+    moving = smooth_motion(log, channels, _list_ratios(arm), list(range(1, arm.n + 1)))
     torque = _joint_torque(log, arm, moving)
     findings = []
     for joint in range(1, arm.n + 1):
-        inputs = [name for base in INPUTS if (name := f"{base}_{joint}") in channels]
+        inputs = [name for base in INPUT_QUANTITIES if (name := f"{base}_{joint}") in channels]
         encoders = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in channels]
-        if joint in moving.joints and inputs and all(channels[name].constant for name in inputs):
-            times = _alone(log, arm, moving, joint, torque)
-            if times > _ALONE:
+        if joint in moving.joints and inputs and all(channels[name].is_constant for name in inputs):
+            times = _compare_own_torque(log, arm, moving, joint, torque)
+            if times > _DRIVEN_TORQUE_RATIO:
                 sentence = (
                     f"{inputs[0]} stays at {channels[inputs[0]].low:.5g} while joint {joint} moves as only its drive "
                     f"can move it (its inertia takes {times:.3g} times what weight and the other joints give): the "
                     "input was not recorded; record the current or torque that drives it."
                 )
                 findings.append(Finding(Severity.REFUSE, "still", joint, sentence))
-        elif encoders and all(channels[name].constant for name in encoders):
-            findings += _withstood(log, arm, channels, joint, inputs, encoders[0], torque)
+        elif encoders and all(channels[name].is_constant for name in encoders):
+            findings += _find_unread_encoder(log, arm, channels, joint, inputs, encoders[0], torque)
     return findings
 
 
-def exchanged(log: Log, arm: Arm) -> list[Finding]:
+def find_exchanged_joints(log: Log, arm: Arm) -> list[Finding]:
     """Find pairs of joints whose torsions the model explains only once the two are exchanged.
 
     Args:
@@ -105,16 +111,16 @@ def exchanged(log: Log, arm: Arm) -> list[Finding]:
         The findings.
 
     """
-    channels = {name: describe(name, values) for name, values in log.columns.items()}
+    channels = {name: compute_channel_statistics(name, values) for name, values in log.columns.items()}
     both = [j for j in arm.manifest["flexible"] if both_encoders_move(channels, j)]
     findings = []
-    own = _twists(log, arm, channels, both)
+    own = _measure_torsion_residuals(log, arm, channels, both)
     for i, j in ((i, j) for i in both for j in both if i < j):
         if not math.isclose(*(arm.parameters[f"ratio_{k}"] for k in (i, j)), rel_tol=0.1):
             continue  # another check has compared the ratios
-        other = _twists(_exchange(log, i, j), arm, channels, [i, j])
+        other = _measure_torsion_residuals(_exchange_columns(log, i, j), arm, channels, [i, j])
         better = math.sqrt(own[i] * own[j] / (other[i] * other[j]))
-        if better > _BETTER:
+        if better > _EXCHANGED_FIT_RATIO:
             sentence = (
                 f"joints {i} and {j} twist as the robot file has it of each other (exchanged they fit {better:.1f} "
                 "times better): all columns of one are logged as the other's; exchange their 'from' in columns.toml, "
@@ -124,7 +130,7 @@ def exchanged(log: Log, arm: Arm) -> list[Finding]:
     return findings
 
 
-def _alone(log: Log, arm: Arm, moving: Motion, joint: int, torque: np.ndarray) -> float:
+def _compare_own_torque(log: Log, arm: Arm, moving: SmoothedMotion, joint: int, torque: np.ndarray) -> float:
     """The torque that a joint's own acceleration takes, over that of its weight, the other joints and the tip force.
 
     It is at most 1 where nothing else moves the joint, as friction only brakes.
@@ -143,18 +149,26 @@ def _alone(log: Log, arm: Arm, moving: Motion, joint: int, torque: np.ndarray) -
     return float(np.sqrt(np.mean(inertia**2)) / max(np.std(given), 1e-300))
 
 
-def _withstood(
-    log: Log, arm: Arm, channels: Mapping[str, Channel], joint: int, inputs: list[str], encoder: str, torque: np.ndarray
+def _find_unread_encoder(
+    log: Log,
+    arm: Arm,
+    channels: Mapping[str, ChannelStatistics],
+    joint: int,
+    inputs: list[str],
+    encoder: str,
+    torque: np.ndarray,
 ) -> list[Finding]:
     """A finding where the input pushes a joint at rest by far more than its friction in the robot file."""
     friction = arm.parameters[f"coulomb_friction_{joint}"]
-    name = next((name for name in inputs if not channels[name].constant), None)
+    name = next((name for name in inputs if not channels[name].is_constant), None)
     if name is None or friction <= 0:
         return []
     unit = _torque_per_input(arm, name, joint)
-    carried = np.interp(log.time, even(log.time).time, torque[:, joint - 1]) / arm.parameters[f"ratio_{joint}"]
+    carried = (
+        np.interp(log.time, make_uniform_grid(log.time).time, torque[:, joint - 1]) / arm.parameters[f"ratio_{joint}"]
+    )
     pushed = float(np.quantile(np.abs(unit * log[name] - carried), 0.95)) / friction
-    if pushed < _HELD:
+    if pushed < _BREAKAWAY_RATIO:
         return []
     sentence = (
         f"{encoder} stays at {channels[encoder].low:.5g} while {name} pushes the joint with {pushed:.2g} times the dry "
@@ -164,12 +178,14 @@ def _withstood(
     return [Finding(Severity.REFUSE, "still", joint, sentence)]
 
 
-def _finding(name: str, joint: int, found: float, channel: Channel) -> Finding:
+def _explain_inertia(name: str, joint: int, found: float, channel: ChannelStatistics) -> Finding:
     """The finding for an impossible inertia: another unit, a reversed sign or another robot."""
     times = f"{name} asks for {found:.3g} times the inertia of joint {joint} in the robot file"
     milli = {name: {"unit": "mA"}}
-    if "current" in name and 1000 / _MILLI < found < 1000 * _MILLI:
-        sentence = f"{times} (it reaches {max(abs(channel.low), abs(channel.high)):.4g}): mA; set {in_words(milli)} in "
+    if "current" in name and 1000 / _MILLI_TOLERANCE < found < 1000 * _MILLI_TOLERANCE:
+        sentence = (
+            f"{times} (it reaches {max(abs(channel.low), abs(channel.high)):.4g}): mA; set {format_repair(milli)} in "
+        )
         return Finding(Severity.REFUSE, "milliamperes", joint, f"{sentence}columns.toml.", milli)
     if found < 0:
         sentence = f"{times}, which is below zero: a sign is reversed; set sign = -1 under [{name}] or the positions."
@@ -178,7 +194,7 @@ def _finding(name: str, joint: int, found: float, channel: Channel) -> Finding:
     return Finding(Severity.REFUSE, "inertia", joint, sentence)
 
 
-def _ratios(arm: Arm) -> tuple[float, ...]:
+def _list_ratios(arm: Arm) -> tuple[float, ...]:
     return tuple(arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1))
 
 
@@ -190,7 +206,7 @@ def _torque_per_input(arm: Arm, name: str, joint: int) -> float:
     return 1.0
 
 
-def _joint_torque(log: Log, arm: Arm, moving: Motion) -> np.ndarray:
+def _joint_torque(log: Log, arm: Arm, moving: SmoothedMotion) -> np.ndarray:
     """The model's torque of the joints along the motion (T, n), N m at the joint, without friction."""
     q, v, a = (np.zeros((len(moving.grid.time), arm.n)) for _ in range(3))
     for one, joint in enumerate(moving.joints):
@@ -207,15 +223,15 @@ def _joint_torque(log: Log, arm: Arm, moving: Motion) -> np.ndarray:
     return arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=np.stack(force, 1))["joint_torque"]
 
 
-def _terms(moving: Motion, one: int, *first: np.ndarray) -> np.ndarray:
+def _stack_friction_terms(moving: SmoothedMotion, one: int, *first: np.ndarray) -> np.ndarray:
     """``first``, then viscous and dry friction, a constant and a spring: (rows, terms), one row a smoothing window."""
     velocity = moving.velocity[one]
     slow = max(0.05 * float(np.quantile(np.abs(velocity), 0.9)), 1e-12)
     rest = (velocity, np.tanh(velocity / slow), np.ones_like(velocity), moving.position[one])
-    return np.stack([*first, *rest], 1)[:: moving.grid.width]
+    return np.stack([*first, *rest], 1)[:: moving.grid.window_rows]
 
 
-def _between(terms: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+def _bound_coefficient(terms: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """Bounds of the first term's coefficient where both it and ``values`` have errors, the other terms being free.
 
     They are the coefficient of ``values`` over the term, and the inverse of that of the term over ``values``; NaN where
@@ -228,17 +244,19 @@ def _between(terms: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     other = terms[:, 1:] / np.maximum(np.abs(terms[:, 1:]).max(0), 1e-300)
     x, y = (part - other @ np.linalg.lstsq(other, part, rcond=1e-10)[0] for part in (terms[:, 0], values))
     xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
-    if xy == 0 or xy**2 < _CORRELATED**2 * xx * yy:
+    if xy == 0 or xy**2 < _LEAST_CORRELATION**2 * xx * yy:
         return math.nan, math.nan
     return tuple(sorted((xy / xx, yy / xy)))  # type: ignore[return-value]
 
 
-def _twists(log: Log, arm: Arm, channels: Mapping[str, Channel], joints: list[int]) -> dict[int, float]:
+def _measure_torsion_residuals(
+    log: Log, arm: Arm, channels: Mapping[str, ChannelStatistics], joints: list[int]
+) -> dict[int, float]:
     """Root mean square residual of each joint's torsion, rad; NaN where the log is too short.
 
     The fit has the model's torque, a stiffening spring, friction, a time skew and an eccentric encoder.
     """
-    moving = motion(log, channels, _ratios(arm), list(range(1, arm.n + 1)))
+    moving = smooth_motion(log, channels, _list_ratios(arm), list(range(1, arm.n + 1)))
     torque = _joint_torque(log, arm, moving)
     found = {}
     for joint in joints:
@@ -246,9 +264,9 @@ def _twists(log: Log, arm: Arm, channels: Mapping[str, Channel], joints: list[in
         twist = log[f"motor_position_{joint}"] / arm.parameters[f"ratio_{joint}"] - log[f"joint_position_{joint}"]
         carried, angle = torque[:, joint - 1], moving.position[one]
         bend = np.arctan(carried / max(float(np.std(carried)), 1e-12))
-        terms = _terms(moving, one, carried, bend, np.sin(angle), np.cos(angle))
+        terms = _stack_friction_terms(moving, one, carried, bend, np.sin(angle), np.cos(angle))
         size = np.maximum(np.abs(terms).max(0), 1e-300)
-        values = moving.grid.smooth(twist)[:: moving.grid.width]
+        values = moving.grid.smooth(twist)[:: moving.grid.window_rows]
         if not is_determined(terms):
             found[joint] = math.nan
             continue
@@ -257,7 +275,7 @@ def _twists(log: Log, arm: Arm, channels: Mapping[str, Channel], joints: list[in
     return found
 
 
-def _exchange(log: Log, i: int, j: int) -> Log:
+def _exchange_columns(log: Log, i: int, j: int) -> Log:
     """The log with the columns of joints i and j exchanged."""
     other = {str(i): str(j), str(j): str(i)}
     columns = {}

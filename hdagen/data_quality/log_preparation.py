@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.data_quality.log_repair import SHORTEST, Repair, repair
+from hdagen.data_quality.log_repair import SHORTEST_LOG, Repair, repair_log
 from hdagen.data_quality.log_triage import Triage
-from hdagen.data_quality.shared_motion import POSITIONS, Mask, fresh_rows, shared_motion
-from hdagen.log.channel_statistics import describe
-from hdagen.log.column_map import split_name
+from hdagen.data_quality.shared_motion import POSITION_CHANNELS, Mask, find_shared_motion, mask_unshared_rows
+from hdagen.log.channel_statistics import compute_channel_statistics
+from hdagen.log.column_map import split_column_name
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
-from hdagen.support.row_runs import stretches
+from hdagen.support.row_runs import find_true_runs
 
 
-def prepared(
+def prepare_logs(
     arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]
 ) -> tuple[list[Log], list[Log], list[Mask], dict[str, Any]]:
     """Repair logs and hold-outs for a diagnosis, and describe them.
@@ -44,12 +44,12 @@ def prepared(
     done: list[tuple[Log, list[Repair], Triage | None]] = []
     for one in (*logs, *hold_out):
         try:
-            done.append(repair(one, arm))
+            done.append(repair_log(one, arm))
         except LogError as error:
             problems += error.problems
             done.append((one, [], None))
     ready = [one for one, _, _ in done]
-    fresh, shared, twice = _fresh(ready, len(logs), [seen for _, _, seen in done])
+    fresh, shared, twice = _find_shared_recordings(ready, len(logs), [seen for _, _, seen in done])
     if twice or problems:
         raise LogError(twice + problems)
     seen = [one for _, _, one in done if one]
@@ -62,23 +62,23 @@ def _describe_data(
     arm: Arm, fitted: Sequence[Triage], seen: Sequence[Triage], repairs: Sequence[tuple[str, list[Repair]]]
 ) -> dict[str, Any]:
     """Describe the data for a JSON file: the triage of the ``fitted`` logs and of all, and the repairs by log."""
-    of_first = fitted[0].data()
+    of_first = fitted[0].to_json()
     keys = ("rows", "jitter", "clock", "dropped", "gaps", "lags", "missing", "channels")
     said = {name: of_first[name] for name in keys}
     said["skews"] = list(dict.fromkeys(f.sentence for one in fitted for f in one.findings if f.name == "skew"))
     said["warnings"] = list(dict.fromkeys(s for one in seen for s in one.warnings))
-    said["noticed"] = list(dict.fromkeys(s for one in seen for s in one.noticed))
+    said["noticed"] = list(dict.fromkeys(s for one in seen for s in one.notices))
     said["repaired"] = [
         {"log": source, "name": each.name, "joint": each.joint, "what": each.sentence}
         for source, done in repairs
         for each in done
     ]
-    said["still"] = _still_joints(arm, fitted)
+    said["still"] = _find_still_joints(arm, fitted)
     said["refused"] = []  # a log that is refused ends in no diagnosis
     return said
 
 
-def _fresh(
+def _find_shared_recordings(
     logs: Sequence[Log], fitted: int, seen: Sequence[Triage | None]
 ) -> tuple[list[Mask], list[list[Repair]], list[str]]:
     """Find the rows (T) of each log whose motion no earlier one holds.
@@ -93,11 +93,11 @@ def _fresh(
     fresh, problems = [np.ones(len(log), bool) for log in logs], list[str]()
     said: list[list[Repair]] = [[] for _ in logs]
     for (i, one), (j, two) in combinations(enumerate(logs), 2):
-        if not (shared := shared_motion(one, two, noise[i])):
+        if not (shared := find_shared_motion(one, two, noise[i])):
             continue
-        fresh[j] &= fresh_rows(two, shared)
+        fresh[j] &= mask_unshared_rows(two, shared)
         where = f"from {shared[0].other[0]:.4g} s on as {one.source} has from {shared[0].one[0]:.4g} s on"
-        if _useful(two, fresh[j]):
+        if _is_long_motion(two, fresh[j]):
             lasts = sum(span.other[1] - span.other[0] for span in shared)
             sentence = f"{two.source}: {lasts:.3g} s are the same motion, {where}: these rows count once, there."
             said[j].append(Repair("shared", 0, sentence))
@@ -111,17 +111,17 @@ def _fresh(
     return fresh, said, problems
 
 
-def _still_joints(arm: Arm, seen: Sequence[Triage]) -> list[int]:
+def _find_still_joints(arm: Arm, seen: Sequence[Triage]) -> list[int]:
     """The joints that no log moves, by any encoder."""
-    moved = {split_name(c.name) for one in seen for c in one.channels if c.moves}
-    return [j for j in range(1, arm.n + 1) if moved.isdisjoint((base, j) for base in POSITIONS)]
+    moved = {split_column_name(c.name) for one in seen for c in one.channels if c.is_moving}
+    return [j for j in range(1, arm.n + 1) if moved.isdisjoint((base, j) for base in POSITION_CHANNELS)]
 
 
-def _useful(log: Log, rows: Mask) -> bool:
+def _is_long_motion(log: Log, rows: Mask) -> bool:
     """Whether ``rows`` (T) of a log are motion of some length."""
-    lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in stretches(rows))
-    return lasts >= SHORTEST and any(
-        describe(name, values[rows]).moves
+    lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in find_true_runs(rows))
+    return lasts >= SHORTEST_LOG and any(
+        compute_channel_statistics(name, values[rows]).is_moving
         for name, values in log.columns.items()
-        if (split_name(name) or ("", 0))[0] in POSITIONS
+        if (split_column_name(name) or ("", 0))[0] in POSITION_CHANNELS
     )

@@ -2,8 +2,9 @@
 
 Findings of triage that can be stated as lines of a columns.toml are applied (degrees, milliamperes, wrapped encoders, a
 measured input logged in the wrong row). Rows without a value, or with a current that no drive gives, are taken out.
-Dropped rows stay gaps, at which `segments` cuts. Anything else that would mislead a diagnosis is refused with a
-sentence on how to record it right. A time skew is no mistake but a finding: the diagnosis has it among its candidates.
+Dropped rows stay gaps, at which `split_at_long_gaps` cuts. Anything else that would mislead a diagnosis is refused with
+a sentence on how to record it right. A time skew is no mistake but a finding: the diagnosis has it among its
+candidates.
 """
 
 from __future__ import annotations
@@ -17,27 +18,27 @@ import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.data_quality import encoder_clock_drift, inputs_vs_model
-from hdagen.data_quality.finding import Finding, Severity, in_words
-from hdagen.data_quality.log_triage import Triage, look
-from hdagen.data_quality.outliers import misread
-from hdagen.data_quality.shared_motion import POSITIONS
+from hdagen.data_quality.finding import Finding, Severity, format_repair
+from hdagen.data_quality.log_triage import Triage, triage_for_robot
+from hdagen.data_quality.outliers import find_outliers
+from hdagen.data_quality.shared_motion import POSITION_CHANNELS
 from hdagen.log import column_map_file
-from hdagen.log.column_map import split_name
+from hdagen.log.column_map import split_column_name
 from hdagen.log.data_table import LogError, Table
-from hdagen.log.measured_log import Log, gaps, parts
-from hdagen.support.row_runs import stretches
+from hdagen.log.measured_log import Log, find_gaps, split_at_pauses
+from hdagen.support.row_runs import find_true_runs
 
-SHORTEST = 1.0  # s of motion at least
-_MENDED = ("degrees", "milliamperes", "wrapped", "row_shift")  # refused findings whose repair is unambiguous
+SHORTEST_LOG = 1.0  # s of motion at least
+_MENDED_FINDINGS = ("degrees", "milliamperes", "wrapped", "row_shift")  # refused findings whose repair is unambiguous
 _CONTRADICTED = "contradicted"  # a warning that is repaired too
-_ROUNDS = 4  # rounds of repair at most, as one mistake can hide another
-_EMPTY = 0.5  # share of missing values from which a column is left out, not its rows
-_LOST = 0.1  # share of rows that may be missing
-_GAP = 0.01  # s without a row, over which a command is not taken as held
-_PERIODS = 3.5  # periods of such a gap at least
-_NEEDED = (
+_MOST_REPAIR_ROUNDS = 4  # rounds of repair at most, as one mistake can hide another
+_EMPTY_COLUMN_SHARE = 0.5  # share of missing values from which a column is left out, not its rows
+_MOST_LOST_ROW_SHARE = 0.1  # share of rows that may be missing
+_LONG_GAP_TIME = 0.01  # s without a row, over which a command is not taken as held
+_LONG_GAP_PERIODS = 3.5  # periods of such a gap at least
+_NEEDED_CHANNELS = (
     ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque"),
-    POSITIONS,
+    POSITION_CHANNELS,
 )
 
 
@@ -57,7 +58,7 @@ class Repair:
     sentence: str
 
 
-def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
+def repair_log(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
     """Repair a log for a diagnosis.
 
     Args:
@@ -71,33 +72,33 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
         LogError: The log has problems that only its owner can mend; all are listed.
 
     """
-    log, repairs = _without_holes(log)
-    log, misread_ = _without_misread(log, arm)
+    log, repairs = _drop_missing_values(log)
+    log, misread_ = _drop_outliers(log, arm)
     repairs += misread_
-    problems = _joints(log, arm)
+    problems = _check_joints(log, arm)
     if problems:
         raise LogError(problems)
-    for _ in range(_ROUNDS):
-        seen = look(log, arm.robot)
-        findings = _suspicions(log, arm, seen)
-        mended = _mendable(findings)
+    for _ in range(_MOST_REPAIR_ROUNDS):
+        seen = triage_for_robot(log, arm.robot)
+        findings = _find_suspicions(log, arm, seen)
+        mended = _choose_mendable(findings)
         if not mended:
             break
-        log = _applied(log, mended)
-        repairs += _said(mended)
+        log = _apply_repairs(log, mended)
+        repairs += _describe_repairs(mended)
     else:
-        seen = look(log, arm.robot)
+        seen = triage_for_robot(log, arm.robot)
     problems = [f"{log.source}: {f.sentence}" for f in findings if f.severity is Severity.REFUSE]
-    problems += _too_little(log, seen)
+    problems += _find_too_little_content(log, seen)
     if problems:
         raise LogError(list(dict.fromkeys(problems)))
-    log, drifting = _on_one_clock(log, arm)
-    repairs += drifting + _gaps(log)
+    log, drifting = _put_on_one_clock(log, arm)
+    repairs += drifting + _note_dropped_rows(log)
     notes = (*log.notes, *(one.sentence for one in repairs))
     return replace(log, notes=tuple(dict.fromkeys(notes))), repairs, seen
 
 
-def as_measured(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+def repair_for_replay(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
     """Repair a log for a replay.
 
     Channels that contradict another one are left out, or scaled where the factor is plain, and the encoders of each
@@ -113,19 +114,19 @@ def as_measured(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
     """
     repairs: list[Repair] = []
     if any("_velocity_" in name for name in log.columns):
-        found = [finding for finding in look(log, arm.robot).findings if finding.name == _CONTRADICTED]
+        found = [finding for finding in triage_for_robot(log, arm.robot).findings if finding.name == _CONTRADICTED]
         if found:
-            log, repairs = _applied(log, found), _said(found)
-    log, drifting = _on_one_clock(log, arm)
+            log, repairs = _apply_repairs(log, found), _describe_repairs(found)
+    log, drifting = _put_on_one_clock(log, arm)
     return log, repairs + drifting
 
 
-def _on_one_clock(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+def _put_on_one_clock(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
     """Bring the readings of a joint's own encoder to its motor's clock, where the two clocks drift apart."""
     repairs = []
     ratios = [joint["drive"]["ratio"]["nominal"] for joint in arm.robot["joints"]]
-    for joint, rate in encoder_clock_drift.drifts(log, ratios).items():
-        log = encoder_clock_drift.on_motor_clock(log, joint, rate)
+    for joint, rate in encoder_clock_drift.find_clock_drifts(log, ratios).items():
+        log = encoder_clock_drift.correct_clock_drift(log, joint, rate)
         over, ever = 1e3 * abs(rate) * float(np.ptp(log.time)), "ever earlier"
         if rate > 0:
             ever = "ever later"
@@ -137,7 +138,7 @@ def _on_one_clock(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
     return log, repairs
 
 
-def segments(time: np.ndarray) -> list[tuple[int, int]]:
+def split_at_long_gaps(time: np.ndarray) -> list[tuple[int, int]]:
     """Split rows at the long gaps, over which no window of a replay may reach.
 
     A gap is long above 10 ms and 3.5 periods: over less, a command is taken as held.
@@ -150,11 +151,11 @@ def segments(time: np.ndarray) -> list[tuple[int, int]]:
 
     """
     if len(time) < 2:
-        return parts(time, _GAP)
-    return parts(time, max(_GAP, _PERIODS * float(np.median(np.diff(time)))))
+        return split_at_pauses(time, _LONG_GAP_TIME)
+    return split_at_pauses(time, max(_LONG_GAP_TIME, _LONG_GAP_PERIODS * float(np.median(np.diff(time)))))
 
 
-def _joints(log: Log, arm: Arm) -> list[str]:
+def _check_joints(log: Log, arm: Arm) -> list[str]:
     """Check that the log has as many joints as the arm, each with an input and a position."""
     if log.n_joints != arm.n:
         return [
@@ -162,29 +163,29 @@ def _joints(log: Log, arm: Arm) -> list[str]:
             "another robot; name this one's, or take the joints wanted with a columns.toml."
         ]
     problems = []
-    for j, bases in product(range(1, arm.n + 1), _NEEDED):
+    for j, bases in product(range(1, arm.n + 1), _NEEDED_CHANNELS):
         names = [f"{base}_{j}" for base in bases]
         if log.columns.keys().isdisjoint(names):
             problems.append(f"{log.source}: joint {j} has none of {', '.join(names)}; record one of them.")
     return problems
 
 
-def _suspicions(log: Log, arm: Arm, seen: Triage) -> list[Finding]:
+def _find_suspicions(log: Log, arm: Arm, seen: Triage) -> list[Finding]:
     """The findings of triage; where none of them refuses the log, those of the robot's model too."""
     findings = list(seen.findings)
     if any(f.severity is Severity.REFUSE for f in findings):
         return findings
-    findings += inputs_vs_model.driven(log, arm) + inputs_vs_model.exchanged(log, arm)
+    findings += inputs_vs_model.check_drives(log, arm) + inputs_vs_model.find_exchanged_joints(log, arm)
     if any(f.severity is Severity.REFUSE for f in findings):
         return findings
-    return findings + inputs_vs_model.scale(log, arm)
+    return findings + inputs_vs_model.check_inertia(log, arm)
 
 
-def _mendable(findings: list[Finding]) -> list[Finding]:
+def _choose_mendable(findings: list[Finding]) -> list[Finding]:
     """The findings whose repair leaves no choice, one a column: several things can tell the same mistake."""
     found: dict[str, Finding] = {}
     for finding in findings:
-        refused = finding.severity is Severity.REFUSE and finding.name in _MENDED
+        refused = finding.severity is Severity.REFUSE and finding.name in _MENDED_FINDINGS
         if finding.repair and (refused or finding.name == _CONTRADICTED):
             for column in finding.repair:
                 key = finding.sentence if column == "ignore" else column
@@ -192,12 +193,12 @@ def _mendable(findings: list[Finding]) -> list[Finding]:
     return list(dict.fromkeys(found.values()))
 
 
-def _said(mended: list[Finding]) -> list[Repair]:
+def _describe_repairs(mended: list[Finding]) -> list[Repair]:
     """The repairs of these findings."""
-    return [Repair(f.name, f.joint, f"{f.sentence} Read here with {in_words(f.repair)}.") for f in mended]
+    return [Repair(f.name, f.joint, f"{f.sentence} Read here with {format_repair(f.repair)}.") for f in mended]
 
 
-def _applied(log: Log, mended: list[Finding]) -> Log:
+def _apply_repairs(log: Log, mended: list[Finding]) -> Log:
     """The log with the tables of all findings, as a columns.toml that held them would read it."""
     tables: dict[str, Any] = {}
     for finding in mended:
@@ -206,19 +207,19 @@ def _applied(log: Log, mended: list[Finding]) -> Log:
                 tables.setdefault("ignore", []).extend(table)
             else:
                 tables.setdefault(column, {}).update(table)
-    mapping = column_map_file.check(tables, Path("columns.toml"))
+    mapping = column_map_file.build_column_map(tables, Path("columns.toml"))
     mapped = mapping.apply(Table({"time": log.time, **log.columns}, ("time", *log.columns), None, ()))
     whole = replace(log, columns=mapped.columns).rows(mapped.start, mapped.stop)
     return replace(whole, columns={name: np.ascontiguousarray(values) for name, values in whole.columns.items()})
 
 
-def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
+def _drop_missing_values(log: Log) -> tuple[Log, list[Repair]]:
     """The log without columns that are mostly empty and without rows in which another has no value."""
     missing = {name: ~np.isfinite(values) for name, values in log.columns.items()}
-    empty = [name for name, rows in missing.items() if np.mean(rows) > _EMPTY]
+    empty = [name for name, rows in missing.items() if np.mean(rows) > _EMPTY_COLUMN_SHARE]
     repairs = []
     for name in empty:
-        share, joint = 100 * np.mean(missing[name]), (split_name(name) or (name, 0))[1]
+        share, joint = 100 * np.mean(missing[name]), (split_column_name(name) or (name, 0))[1]
         sentence = f"{name} has no value in {share:.3g} % of the rows: left out; record it, or leave it out of the log."
         repairs.append(Repair("missing", joint, sentence))
     columns = {name: values for name, values in log.columns.items() if name not in empty}
@@ -229,51 +230,51 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
         log = replace(log, columns=columns)
     if not bad.any():
         return log, repairs
-    first, after = stretches(bad).T
+    first, after = find_true_runs(bad).T
     lengths = after - first
     where = ", ".join(name for name in columns if missing[name].any())
     says = (
         f"{where}: no value in {bad.sum()} row(s), {100 * np.mean(bad):.2g} % of the log, in {len(lengths)} run(s), "
         f"the longest of {lengths.max()} row(s), first in row {first[0] + 1} ({log.time[first[0]]:.6g} s)"
     )
-    if np.mean(bad) > _LOST or np.count_nonzero(~bad) < 2:
+    if np.mean(bad) > _MOST_LOST_ROW_SHARE or np.count_nonzero(~bad) < 2:
         raise LogError([f"{log.source}: {says}: too many; record with a logger that keeps up, or cut the log there."])
     sentence = f"{says}: these rows are taken out, and long runs cut the log; record with a logger that keeps up."
     repairs.append(Repair("missing", 0, sentence))
-    return log.taken(~bad), repairs
+    return log.select_rows(~bad), repairs
 
 
-def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+def _drop_outliers(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
     """The log without the rows that were misread, which are as good as rows without a value."""
-    found = list(misread(log, [joint["drive"]["max_current"] for joint in arm.robot["joints"]]))
+    found = list(find_outliers(log, [joint["drive"]["max_current"] for joint in arm.robot["joints"]]))
     bad = np.any([one.rows for one in found], axis=0)
     if not found:
         return log, []
-    if np.mean(bad) > _LOST:
+    if np.mean(bad) > _MOST_LOST_ROW_SHARE:
         raise LogError(
             [f"{log.source}: {one.sentence}: too many; record each channel at the rate it is read at." for one in found]
         )
     taken = "these rows are taken out; look at what the logger wrote there."
     repairs = [Repair(one.name, one.joint, f"{one.sentence}: {taken}") for one in found]
-    return log.taken(~bad), repairs
+    return log.select_rows(~bad), repairs
 
 
-def _too_little(log: Log, seen: Triage) -> list[str]:
+def _find_too_little_content(log: Log, seen: Triage) -> list[str]:
     """The reasons to refuse a log that is too short, moves no joint, or has lost too many rows."""
     problems = []
-    lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in segments(log.time))
-    if lasts < SHORTEST:
+    lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in split_at_long_gaps(log.time))
+    if lasts < SHORTEST_LOG:
         problems.append(
-            f"{log.source}: the log lasts {lasts:.3g} s without its gaps, shorter than {SHORTEST:g} s: record at least "
-            "10 s of motion with reversals, slow and fast."
+            f"{log.source}: the log lasts {lasts:.3g} s without its gaps, shorter than {SHORTEST_LOG:g} s: record at"
+            " least 10 s of motion with reversals, slow and fast."
         )
-    if not any(c.moves for c in seen.channels if (split_name(c.name) or ("", 0))[0] in _NEEDED[1]):
+    if not any(c.is_moving for c in seen.channels if (split_column_name(c.name) or ("", 0))[0] in _NEEDED_CHANNELS[1]):
         problems.append(
             f"{log.source}: no joint moves, so what is missing cannot be told: at rest the others make up for any "
             "one effect; record a motion of every joint, with reversals, as hdagen excite designs one."
         )
     share = seen.dropped / (seen.rows + seen.dropped)
-    if share > _LOST:
+    if share > _MOST_LOST_ROW_SHARE:
         problems.append(
             f"{log.source}: {100 * share:.2g} % of the rows are missing; record with a logger that keeps up, or at a "
             "lower rate."
@@ -281,14 +282,14 @@ def _too_little(log: Log, seen: Triage) -> list[str]:
     return problems
 
 
-def _gaps(log: Log) -> list[Repair]:
+def _note_dropped_rows(log: Log) -> list[Repair]:
     """The dropped rows of a log as a repair, if any."""
-    rows, missing = gaps(log.time)
+    rows, missing = find_gaps(log.time)
     lost = int(missing.sum())
     share = lost / (len(log) + lost)
     if not lost:
         return []
-    pieces, cut = len(segments(log.time)), ""
+    pieces, cut = len(split_at_long_gaps(log.time)), ""
     if pieces > 1:
         cut = f" and the log is cut into {pieces} parts at the long ones"
     sentence = (

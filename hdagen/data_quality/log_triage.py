@@ -10,18 +10,18 @@ import numpy as np
 
 from hdagen.data_quality import frozen_channels, inputs, inputs_vs_motion, positions
 from hdagen.data_quality import ripple_lines as lines
-from hdagen.data_quality.finding import Finding, Machine, Severity
-from hdagen.log.channel_statistics import Channel, describe
-from hdagen.log.column_map import split_name
-from hdagen.log.measured_log import Log, gaps
+from hdagen.data_quality.finding import Finding, RobotFacts, Severity
+from hdagen.log.channel_statistics import ChannelStatistics, compute_channel_statistics
+from hdagen.log.column_map import split_column_name
+from hdagen.log.measured_log import Log, find_gaps
 
-__all__ = ["Finding", "Severity", "Triage", "look", "triage"]
+__all__ = ["Finding", "Severity", "Triage", "triage", "triage_for_robot"]
 
-_MANY_DROPPED = 0.005, 0.2  # share of missing rows above which a log is warned of, and is refused
-_LONG_GAP = 0.25  # s, the length of a window of the replay
-_SHORT = 1.0  # s, below which a log is warned of
-_SLOW = 200.0  # Hz; joint resonances lie at 15 to 140 Hz
-_COSTS = (  # the cost of a channel that a joint does not have
+_DROPPED_SHARE_LIMITS = 0.005, 0.2  # share of missing rows above which a log is warned of, and is refused
+_WARNED_GAP_TIME = 0.25  # s, the length of a window of the replay
+_SHORT_LOG_TIME = 1.0  # s, below which a log is warned of
+_SLOW_SAMPLE_RATE = 200.0  # Hz; joint resonances lie at 15 to 140 Hz
+_MISSING_CHANNEL_COSTS = (  # the cost of a channel that a joint does not have
     ("motor_position", "in a flexible joint, torsion, backlash and kinematic error cannot be told apart"),
     ("joint_position", "what bends or errs behind the motor is seen only through the motor"),
     ("joint_position_reference", "the loop cannot be closed in a replay"),
@@ -54,11 +54,11 @@ class Triage:
     duration: float
     rate: float
     jitter: float
-    even: bool
+    is_even: bool
     time_uncertainty: float
     dropped: int
     gaps: int
-    channels: tuple[Channel, ...]
+    channels: tuple[ChannelStatistics, ...]
     lags: dict[str, float]
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
@@ -74,7 +74,7 @@ class Triage:
         return self._sentences(Severity.WARN)
 
     @property
-    def noticed(self) -> tuple[str, ...]:
+    def notices(self) -> tuple[str, ...]:
         """The notes, without those on missing channels and on skews, which stand elsewhere."""
         own = [finding for finding in self.findings if finding.name not in ("missing", "skew")]
         return tuple(dict.fromkeys(f.sentence for f in own if f.severity is Severity.NOTE))
@@ -97,7 +97,7 @@ class Triage:
         lines += self.notes
         return lines + [f"{finding.severity.value}: {finding.sentence}" for finding in self.findings]
 
-    def data(self) -> dict[str, object]:
+    def to_json(self) -> dict[str, object]:
         """The same for a JSON file."""
         return {
             "source": self.source,
@@ -105,7 +105,7 @@ class Triage:
             "duration": self.duration,
             "rate": self.rate,
             "jitter": self.jitter,
-            "clock": {"even": self.even, "uncertainty": self.time_uncertainty},
+            "clock": {"even": self.is_even, "uncertainty": self.time_uncertainty},
             "dropped": self.dropped,
             "gaps": self.gaps,
             "channels": {
@@ -146,7 +146,7 @@ def triage(
     """
     n = log.n_joints
     none: tuple[None, ...] = (None,) * n
-    machine = Machine(
+    machine = RobotFacts(
         tuple(float(ratio) for ratio in ratios),
         dict(resolutions or {}),
         none if max_currents is None else tuple(max_currents),
@@ -155,11 +155,15 @@ def triage(
     )
     if not len(machine.ratios) == len(machine.max_currents) == len(machine.position_limits) == n:
         raise ValueError(f"the log has {n} joints; ratios, max_currents and position_limits must be as many")
-    channels = {name: describe(name, values) for name, values in log.columns.items()}
+    channels = {name: compute_channel_statistics(name, values) for name, values in log.columns.items()}
     steps = np.diff(log.time)
-    gap_rows, missing = gaps(log.time)
-    lags = inputs.lags(log)
-    findings = _time(log, steps, gap_rows, missing) + _worth(log, channels) + _suspect(log, channels, machine, lags)
+    gap_rows, missing = find_gaps(log.time)
+    lags = inputs.estimate_lags(log)
+    findings = (
+        _check_sampling(log, steps, gap_rows, missing)
+        + _check_channels(log, channels)
+        + _find_mistakes(log, channels, machine, lags)
+    )
     order, jitter = list(Severity), 0.0
     if len(steps) > len(gap_rows):
         jitter = float(np.std(np.delete(np.diff(log.logged_time), gap_rows)))
@@ -169,7 +173,7 @@ def triage(
         duration=float(log.time[-1] - log.time[0]),
         rate=1 / log.period,
         jitter=jitter,
-        even=log.stamps is not None,
+        is_even=log.stamps is not None,
         time_uncertainty=log.time_uncertainty,
         dropped=int(missing.sum()),
         gaps=len(gap_rows),
@@ -180,7 +184,7 @@ def triage(
     )
 
 
-def look(log: Log, robot: Mapping[str, Any]) -> Triage:
+def triage_for_robot(log: Log, robot: Mapping[str, Any]) -> Triage:
     """Examine a log with all that a robot file states.
 
     Args:
@@ -207,45 +211,53 @@ def look(log: Log, robot: Mapping[str, Any]) -> Triage:
     )
 
 
-def _suspect(
-    log: Log, channels: Mapping[str, Channel], machine: Machine, lags: Mapping[str, inputs.Lag]
+def _find_mistakes(
+    log: Log, channels: Mapping[str, ChannelStatistics], machine: RobotFacts, lags: Mapping[str, inputs.Lag]
 ) -> list[Finding]:
     """Find mistakes. One spoils the search for others: a channel found wrong is left out of later comparisons."""
-    findings = positions.jumps(log, channels) + positions.lost_rows(log, channels)
-    findings += frozen_channels.still(log, channels) + frozen_channels.cut_positions(log, channels)
-    sound = _sound(log, findings)
-    findings += positions.spans(channels, machine, sound) + positions.steps(channels, machine)
-    findings += inputs.current_sizes(channels, machine)
-    findings += positions.swapped_encoders(log, channels, sound)
-    for joint in _sound(log, findings, ("wrapped", "jump", "swapped")):
-        findings += positions.encoders(log, channels, machine, joint)
-        findings += positions.rates(log, channels, machine, joint) + positions.reference(log, channels, joint)
-    moving = inputs_vs_motion.motion(
-        log, channels, machine.ratios, _sound(log, findings, ("wrapped", "jump", "swapped", "degrees"))
+    findings = positions.find_jumps(log, channels) + positions.find_lost_rows(log, channels)
+    findings += frozen_channels.find_frozen_channels(log, channels) + frozen_channels.find_saturated_positions(
+        log, channels
     )
-    behind = inputs_vs_motion.behind(log, channels, moving)
-    findings += inputs.measured_against_command(log, lags, machine, behind) + inputs_vs_motion.skews(behind, log.period)
-    swapped = inputs_vs_motion.swapped_inputs(log, channels, moving)
-    if not swapped:
-        findings += inputs_vs_motion.signs(log, channels, moving, lags) + frozen_channels.cut_inputs(
-            log, channels, moving
+    sound = _find_sound_joints(log, findings)
+    findings += positions.check_spans(channels, machine, sound) + positions.check_resolutions(channels, machine)
+    findings += inputs.check_current_sizes(channels, machine)
+    findings += positions.find_swapped_encoders(log, channels, sound)
+    for joint in _find_sound_joints(log, findings, ("wrapped", "jump", "swapped")):
+        findings += positions.compare_encoders(log, channels, machine, joint)
+        findings += positions.check_velocities(log, channels, machine, joint) + positions.check_reference(
+            log, channels, joint
         )
-    sound = _sound(log, findings, ("wrapped", "jump", "swapped", "degrees", "reversed", "joint_scale", "units"))
+    moving = inputs_vs_motion.smooth_motion(
+        log, channels, machine.ratios, _find_sound_joints(log, findings, ("wrapped", "jump", "swapped", "degrees"))
+    )
+    behind = inputs_vs_motion.measure_delay_rows(log, channels, moving)
+    findings += inputs.check_measured_inputs(log, lags, machine, behind) + inputs_vs_motion.find_input_skews(
+        behind, log.period
+    )
+    swapped = inputs_vs_motion.find_swapped_inputs(log, channels, moving)
+    if not swapped:
+        findings += inputs_vs_motion.find_reversed_inputs(
+            log, channels, moving, lags
+        ) + frozen_channels.find_saturated_inputs(log, channels, moving)
+    sound = _find_sound_joints(
+        log, findings, ("wrapped", "jump", "swapped", "degrees", "reversed", "joint_scale", "units")
+    )
     return (
         findings
         + swapped
-        + positions.skews(log, channels, machine, sound)
-        + lines.cycles(log, channels, machine, sound)
+        + positions.find_encoder_skews(log, channels, machine, sound)
+        + lines.find_ripple_lines(log, channels, machine, sound)
     )
 
 
-def _sound(log: Log, findings: list[Finding], names: tuple[str, ...] = ("wrapped", "jump")) -> list[int]:
+def _find_sound_joints(log: Log, findings: list[Finding], names: tuple[str, ...] = ("wrapped", "jump")) -> list[int]:
     """The joints without a finding of ``names`` that refuses the log."""
     spoilt = {finding.joint for finding in findings if finding.severity is Severity.REFUSE and finding.name in names}
     return [joint for joint in range(1, log.n_joints + 1) if joint not in spoilt]
 
 
-def _time(log: Log, steps: np.ndarray, rows: np.ndarray, missing: np.ndarray) -> list[Finding]:
+def _check_sampling(log: Log, steps: np.ndarray, rows: np.ndarray, missing: np.ndarray) -> list[Finding]:
     """Dropped rows, long gaps, and a log too short or too slow."""
     findings = []
     duration, lost = float(log.time[-1] - log.time[0]), int(missing.sum())
@@ -256,54 +268,54 @@ def _time(log: Log, steps: np.ndarray, rows: np.ndarray, missing: np.ndarray) ->
             f"{lost} row(s) are missing in {len(rows)} gap(s), {100 * share:.2g} % of the log, the longest of "
             f"{steps[k]:.3g} s after row {k + 1} ({log.time[k]:.6g} s)"
         )
-        if share > _MANY_DROPPED[1]:
+        if share > _DROPPED_SHARE_LIMITS[1]:
             sentence = f"{says}: too many; record with a logger that keeps up, or at a lower rate."
             findings.append(Finding(Severity.REFUSE, "dropped", 0, sentence))
-        elif steps[k] > _LONG_GAP:
+        elif steps[k] > _WARNED_GAP_TIME:
             sentence = f"{says}: nothing is known in between; cut the log there if it matters."
             findings.append(Finding(Severity.WARN, "dropped", 0, sentence))
-        elif share > _MANY_DROPPED[0]:
+        elif share > _DROPPED_SHARE_LIMITS[0]:
             findings.append(Finding(Severity.WARN, "dropped", 0, f"{says}: commands are held across them."))
-    if duration < _SHORT:
+    if duration < _SHORT_LOG_TIME:
         sentence = f"the log lasts {duration:.3g} s; a diagnosis needs several seconds of motion: record longer."
         findings.append(Finding(Severity.WARN, "short", 0, sentence))
-    if 1 / log.period < _SLOW:
+    if 1 / log.period < _SLOW_SAMPLE_RATE:
         rate = f"{1 / log.period:.4g} Hz"
         sentence = f"{rate} is slow for joints that ring at 15 to 140 Hz: record at 500 Hz or more if possible."
         findings.append(Finding(Severity.NOTE, "slow", 0, sentence))
     return findings
 
 
-def _worth(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
+def _check_channels(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Finding]:
     """Channels that are missing, constant or saturated, with the cost of each."""
     findings = []
     for joint in range(1, log.n_joints + 1):
-        for base, cost in _COSTS:
+        for base, cost in _MISSING_CHANNEL_COSTS:
             if f"{base}_{joint}" not in channels:
                 findings.append(Finding(Severity.NOTE, "missing", joint, f"{base}_{joint} is not logged: {cost}."))
-        for commanded, measured in inputs.PAIRS:
+        for commanded, measured in inputs.COMMAND_MEASUREMENT_PAIRS:
             command, name = f"{commanded}_{joint}", f"{measured}_{joint}"
             absent = [one for one in (command, name) if one not in channels]
             if len(absent) == 1:
                 sentence = f"{absent[0]} is not logged: delay, lag and saturation of the drive cannot be seen."
                 findings.append(Finding(Severity.NOTE, "missing", joint, sentence))
     for name, channel in channels.items():
-        _, joint = split_name(name) or (name, 0)
-        if "_position_" in name and "reference" not in name and not channel.moves:
+        _, joint = split_column_name(name) or (name, 0)
+        if "_position_" in name and "reference" not in name and not channel.is_moving:
             sentence = (
                 f"{name} stays between {channel.low:.5g} and {channel.high:.5g}: the joint was not moved, so nothing "
             )
             findings.append(
                 Finding(Severity.WARN, "still", joint, sentence + "is learned about it; record a log that moves it.")
             )
-        elif channel.constant and not name.startswith("tip_force"):
+        elif channel.is_constant and not name.startswith("tip_force"):
             findings.append(
                 Finding(Severity.NOTE, "constant", joint, f"{name} stays at {channel.low:.5g}: it says nothing.")
             )
-        if channel.saturated > 0.002 and name.rpartition("_")[0] in inputs.INPUTS:
+        if channel.saturated_share > 0.002 and name.rpartition("_")[0] in inputs.INPUT_QUANTITIES:
             sentence = (
-                f"{name} sits at {channel.low:.4g} or {channel.high:.4g} in {100 * channel.saturated:.2g} % of the "
-                "rows: saturated; record with less acceleration if that was not meant."
+                f"{name} sits at {channel.low:.4g} or {channel.high:.4g} in {100 * channel.saturated_share:.2g} % of"
+                " the rows: saturated; record with less acceleration if that was not meant."
             )
             findings.append(Finding(Severity.WARN, "saturated", joint, sentence))
     return findings

@@ -10,26 +10,34 @@ from itertools import pairwise
 
 import numpy as np
 
-from hdagen.data_quality.inputs import INPUTS, PAIRS, UNSTATED_CURRENT, known
-from hdagen.log.channel_statistics import Channel, describe
-from hdagen.log.measured_log import Log, gaps
-from hdagen.support.row_runs import stretches
+from hdagen.data_quality.inputs import COMMAND_MEASUREMENT_PAIRS, INPUT_QUANTITIES, UNSTATED_CURRENT, state_max_current
+from hdagen.log.channel_statistics import ChannelStatistics, compute_channel_statistics
+from hdagen.log.measured_log import Log, find_gaps
+from hdagen.support.row_runs import find_true_runs
 
-_MOST = 0.99  # share of the rows whose largest current is the usual largest one
-_FAR, _APART = 2.0, 5.0  # times the largest stated current, and the usual largest one: no drive gives more
-_LEAP = 5.0  # times the fastest usual move of a row: no drive moves so fast
-_LOUD = 20.0  # times the noise, that a leap must reach, too
-_SIDES = 2  # rows on each side of one, whose median move is the usual one
-_BACK = 3  # rows within which a leap must come back to count as a glitch
-_NEAR = 0.03  # tolerance of a leap to the period of an encoder, relative
-_STEPS = 10.0  # times the noise or step, that a joint must move a row so that it cannot stand still in the next
-_GONE = 0.1  # share of its range that the other encoder moves while one stands still
-_HELD = 0.05  # s at one value, from which a measured current whose command moves has frozen
-_TOLD = 0.05, 4.0  # least move of the command meanwhile: share of its range, and times the measurement's noise
+_USUAL_ROWS_SHARE = 0.99  # share of the rows whose largest current is the usual largest one
+_MOST_STATED_RATIO, _MOST_USUAL_RATIO = (
+    2.0,
+    5.0,
+)  # times the largest stated current, and the usual largest one: no drive gives more
+_LEAST_LEAP_RATIO = 5.0  # times the fastest usual move of a row: no drive moves so fast
+_LEAST_LEAP_NOISE = 20.0  # times the noise, that a leap must reach, too
+_NEIGHBOUR_ROWS = 2  # rows on each side of one, whose median move is the usual one
+_MOST_GLITCH_ROWS = 3  # rows within which a leap must come back to count as a glitch
+_WRAP_TOLERANCE = 0.03  # tolerance of a leap to the period of an encoder, relative
+_LEAST_MOVE_STEPS = (
+    10.0  # times the noise or step, that a joint must move a row so that it cannot stand still in the next
+)
+_LEAST_OTHER_MOVE = 0.1  # share of its range that the other encoder moves while one stands still
+_LEAST_HELD_SECONDS = 0.05  # s at one value, from which a measured current whose command moves has frozen
+_LEAST_COMMAND_CHANGE = (
+    0.05,
+    4.0,
+)  # least move of the command meanwhile: share of its range, and times the measurement's noise
 
 
 @dataclass(frozen=True, eq=False)
-class Misread:
+class Outlier:
     """Rows (T,) of one channel that were misread: a stable name of the kind, the joint, and a sentence with numbers."""
 
     name: str
@@ -38,7 +46,7 @@ class Misread:
     sentence: str
 
 
-def misread(log: Log, max_currents: Sequence[float | None]) -> Iterator[Misread]:
+def find_outliers(log: Log, max_currents: Sequence[float | None]) -> Iterator[Outlier]:
     """Find the rows of a log that were misread.
 
     Args:
@@ -49,34 +57,36 @@ def misread(log: Log, max_currents: Sequence[float | None]) -> Iterator[Misread]
         Rows of one channel, or of every channel, as joint 0.
 
     """
-    gap, stale = after_gaps(log.time), dict[str, np.ndarray]()
+    gap, stale = mark_rows_after_gaps(log.time), dict[str, np.ndarray]()
     for joint, stated in enumerate(max_currents, 1):
-        for name in (f"{base}_{joint}" for base in INPUTS if "current" in base and f"{base}_{joint}" in log):
-            if (found := _spikes(log, name, joint, stated)) is not None:
+        for name in (f"{base}_{joint}" for base in INPUT_QUANTITIES if "current" in base and f"{base}_{joint}" in log):
+            if (found := _find_spikes(log, name, joint, stated)) is not None:
                 yield found
         sides = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in log]
-        places = [Place.of(describe(name, log[name]), log[name], gap) for name in sides]
-        others: list[Place | None] = [None] * len(places)
+        places = [PositionTrack.measure(compute_channel_statistics(name, log[name]), log[name], gap) for name in sides]
+        others: list[PositionTrack | None] = [None] * len(places)
         if len(places) > 1:
             others = [*places[::-1]]
         for place, other in zip(places, others, strict=True):
-            if place.channel.moves:
-                stale[place.channel.name] = _stale(place, other)
-                if (found := _glitches(log, joint, place)) is not None:
+            if place.channel.is_moving:
+                stale[place.channel.name] = _find_repeated_readings(place, other)
+                if (found := _find_glitches(log, joint, place)) is not None:
                     yield found
-        for command, name in ((f"{commanded}_{joint}", f"{measured}_{joint}") for commanded, measured in PAIRS):
+        for command, name in (
+            (f"{commanded}_{joint}", f"{measured}_{joint}") for commanded, measured in COMMAND_MEASUREMENT_PAIRS
+        ):
             if name in log and command in log:
-                stale[name] = _held(log, command, name)
+                stale[name] = _find_held_rows(log, command, name)
     again = np.all([np.diff(values, prepend=np.nan) == 0.0 for values in log.columns.values()], axis=0)
     if np.any([rows & again for rows in stale.values()]):
-        yield Misread("stale", 0, again, _repeats(log, "every channel", again))
+        yield Outlier("stale", 0, again, _describe_repeats(log, "every channel", again))
         stale = {name: rows & ~again for name, rows in stale.items()}
     for name, rows in stale.items():
         if rows.any():
-            yield Misread("stale", int(name.rpartition("_")[2]), rows, _repeats(log, name, rows))
+            yield Outlier("stale", int(name.rpartition("_")[2]), rows, _describe_repeats(log, name, rows))
 
 
-def after_gaps(time: np.ndarray) -> np.ndarray:
+def mark_rows_after_gaps(time: np.ndarray) -> np.ndarray:
     """Mark the rows that come after a gap.
 
     Args:
@@ -87,26 +97,26 @@ def after_gaps(time: np.ndarray) -> np.ndarray:
 
     """
     rows = np.zeros(len(time), bool)
-    rows[gaps(time)[0] + 1] = True
+    rows[find_gaps(time)[0] + 1] = True
     return rows
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """The track of a position: its ``values`` (T,), and the rows ``leaping`` away from the row before.
+class PositionTrack:
+    """The track of a position: its ``values`` (T,), and the rows ``leap_rows`` away from the row before.
 
     ``off`` (T,) is each row's move less the usual move around it, ``path`` (T,) the sum of the usual moves, both in the
     unit of the values.
     """
 
-    channel: Channel
+    channel: ChannelStatistics
     values: np.ndarray
-    leaping: np.ndarray
-    off: np.ndarray
+    leap_rows: np.ndarray
+    deviation: np.ndarray
     path: np.ndarray
 
     @classmethod
-    def of(cls, channel: Channel, values: np.ndarray, after_gap: np.ndarray) -> Place:
+    def measure(cls, channel: ChannelStatistics, values: np.ndarray, after_gap: np.ndarray) -> PositionTrack:
         """Measure the track of a position.
 
         Args:
@@ -119,14 +129,16 @@ class Place:
 
         """
         moves = np.diff(values, prepend=values[0])
-        around = np.lib.stride_tricks.sliding_window_view(np.pad(moves, _SIDES, mode="edge"), 2 * _SIDES + 1)
+        around = np.lib.stride_tricks.sliding_window_view(
+            np.pad(moves, _NEIGHBOUR_ROWS, mode="edge"), 2 * _NEIGHBOUR_ROWS + 1
+        )
         usual = np.median(around, axis=1)
-        most = max(_LEAP * float(np.abs(usual).max()), _LOUD * channel.noise)
+        most = max(_LEAST_LEAP_RATIO * float(np.abs(usual).max()), _LEAST_LEAP_NOISE * channel.noise)
         far = np.abs(moves - usual) > min(most, (channel.high - channel.low) / 2)
         return cls(channel, values, np.flatnonzero(far & ~after_gap), moves - usual, np.cumsum(usual))
 
 
-def wrapping(leap: float) -> float | None:
+def find_wrap_period(leap: float) -> float | None:
     """Find the period of an encoder from its leap where it wraps.
 
     Args:
@@ -137,39 +149,39 @@ def wrapping(leap: float) -> float | None:
 
     """
     periods = (2 * math.pi, 360.0, 1.0, *(2.0**k for k in range(8, 33)))
-    return next((period for period in periods if abs(leap / period - 1) < _NEAR), None)
+    return next((period for period in periods if abs(leap / period - 1) < _WRAP_TOLERANCE), None)
 
 
-def _glitches(log: Log, joint: int, place: Place) -> Misread | None:
+def _find_glitches(log: Log, joint: int, place: PositionTrack) -> Outlier | None:
     """Rows from a leap to the one back."""
-    wrong, off = np.zeros(len(log), bool), place.off
-    for row, after in pairwise(place.leaping):
-        back = after - row <= _BACK and abs(off[row] + off[after]) < abs(off[row]) / _LEAP
-        if back and not wrapping(abs(off[row])):
+    wrong, off = np.zeros(len(log), bool), place.deviation
+    for row, after in pairwise(place.leap_rows):
+        back = after - row <= _MOST_GLITCH_ROWS and abs(off[row] + off[after]) < abs(off[row]) / _LEAST_LEAP_RATIO
+        if back and not find_wrap_period(abs(off[row])):
             wrong[row:after] = True
     if not wrong.any():
         return None
     sentence = (
-        f"{place.channel.name} leaps by up to {np.abs(off[wrong]).max():.4g} and back {_where(log, wrong)}, and goes "
-        "on as if nothing had been"
+        f"{place.channel.name} leaps by up to {np.abs(off[wrong]).max():.4g} and back {_describe_rows(log, wrong)}, and"
+        " goes on as if nothing had been"
     )
-    return Misread("glitch", joint, wrong, sentence)
+    return Outlier("glitch", joint, wrong, sentence)
 
 
-def _stale(place: Place, other: Place | None) -> np.ndarray:
+def _find_repeated_readings(place: PositionTrack, other: PositionTrack | None) -> np.ndarray:
     """Rows (T,) that repeat the row before: between rows that move the same way, until the reading leaps to where the
     joint has got to meanwhile, or while its ``other`` encoder goes far."""
     values, channel = place.values, place.channel
-    moves, least = np.diff(values), _STEPS * max(channel.noise, channel.step)
+    moves, least = np.diff(values), _LEAST_MOVE_STEPS * max(channel.noise, channel.step)
     inner = (values[1:] > channel.low) & (values[1:] < channel.high)  # at an end a sensor's range may have ended
-    catching_up = {int(row) for row in place.leaping if not wrapping(abs(place.off[row]))}
+    catching_up = {int(row) for row in place.leap_rows if not find_wrap_period(abs(place.deviation[row]))}
     far = np.inf
     if other is not None:
-        far = _GONE * float(np.ptp(other.path))
+        far = _LEAST_OTHER_MOVE * float(np.ptp(other.path))
     stale = np.zeros(len(values), bool)
-    for start, stop in stretches((moves == 0.0) & inner):  # rows start + 1 to stop; stop + 1 catches up
-        before, after = moves[max(start - _SIDES, 0) : start], moves[stop + 1 : stop + 1 + _SIDES]
-        fast = len(before) == len(after) == _SIDES and min(np.abs(before).min(), np.abs(after).min()) > least
+    for start, stop in find_true_runs((moves == 0.0) & inner):  # rows start + 1 to stop; stop + 1 catches up
+        before, after = moves[max(start - _NEIGHBOUR_ROWS, 0) : start], moves[stop + 1 : stop + 1 + _NEIGHBOUR_ROWS]
+        fast = len(before) == len(after) == _NEIGHBOUR_ROWS and min(np.abs(before).min(), np.abs(after).min()) > least
         on = fast and len(set(np.sign([*before, *after]))) == 1
         gone = other is not None and np.ptp(other.path[start : stop + 1]) > far
         if on or gone or stop + 1 in catching_up:
@@ -177,45 +189,48 @@ def _stale(place: Place, other: Place | None) -> np.ndarray:
     return stale
 
 
-def _held(log: Log, command: str, name: str) -> np.ndarray:
+def _find_held_rows(log: Log, command: str, name: str) -> np.ndarray:
     """Rows (T,) in which a measured input stays at one value, not at an extreme, while its command goes elsewhere."""
     values, asked, rows = log[name], log[command], np.zeros(len(log), bool)
-    least = max(_TOLD[0] * float(np.ptp(asked)), _TOLD[1] * describe(name, values).noise)
+    least = max(
+        _LEAST_COMMAND_CHANGE[0] * float(np.ptp(asked)),
+        _LEAST_COMMAND_CHANGE[1] * compute_channel_statistics(name, values).noise,
+    )
     inner = (values > values.min()) & (values < values.max())
     repeats = np.append(False, np.diff(values) == 0.0) & inner
-    for start, stop in stretches(repeats):
-        if log.time[stop - 1] - log.time[start] >= _HELD and np.ptp(asked[start:stop]) > least:
+    for start, stop in find_true_runs(repeats):
+        if log.time[stop - 1] - log.time[start] >= _LEAST_HELD_SECONDS and np.ptp(asked[start:stop]) > least:
             rows[start:stop] = True
     return rows
 
 
-def _repeats(log: Log, name: str, rows: np.ndarray) -> str:
-    runs = stretches(rows)
+def _describe_repeats(log: Log, name: str, rows: np.ndarray) -> str:
+    runs = find_true_runs(rows)
     return (
         f"{name} repeats the row before in {np.count_nonzero(rows)} row(s), {np.diff(runs).max()} on end at most, "
         f"first in row {runs[0][0] + 1} ({log.time[runs[0][0]]:.6g} s), while the joint or its command moves on"
     )
 
 
-def _spikes(log: Log, name: str, joint: int, stated: float | None) -> Misread | None:
+def _find_spikes(log: Log, name: str, joint: int, stated: float | None) -> Outlier | None:
     """The few rows in which a current is far beyond both the drive (``stated``, A) and nearly all other rows.
 
     They are errors of the logger or the bus. In mA, by contrast, nearly all rows are large.
     """
     size, drive = np.abs(log[name]), UNSTATED_CURRENT
     if stated:
-        drive = _FAR * stated
-    most = float(np.quantile(size, _MOST))
-    rows = size > max(drive, _APART * most)
+        drive = _MOST_STATED_RATIO * stated
+    most = float(np.quantile(size, _USUAL_ROWS_SHARE))
+    rows = size > max(drive, _MOST_USUAL_RATIO * most)
     if not rows.any():
         return None
     sentence = (
-        f"{name} reaches {size[rows].max():.4g} A {_where(log, rows)}, and stays within {most:.3g} A in "
-        f"{100 * _MOST:g} % of the rows; {known(stated)}"
+        f"{name} reaches {size[rows].max():.4g} A {_describe_rows(log, rows)}, and stays within {most:.3g} A in "
+        f"{100 * _USUAL_ROWS_SHARE:g} % of the rows; {state_max_current(stated)}"
     )
-    return Misread("spike", joint, rows, sentence)
+    return Outlier("spike", joint, rows, sentence)
 
 
-def _where(log: Log, rows: np.ndarray) -> str:
+def _describe_rows(log: Log, rows: np.ndarray) -> str:
     first = int(np.argmax(rows))
     return f"in {np.count_nonzero(rows)} row(s), first in row {first + 1} ({log.time[first]:.6g} s)"

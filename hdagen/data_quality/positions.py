@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdagen.data_quality.finding import Finding, Machine, Severity, in_words
-from hdagen.data_quality.outliers import Place, after_gaps, wrapping
+from hdagen.data_quality.finding import Finding, RobotFacts, Severity, format_repair
+from hdagen.data_quality.outliers import PositionTrack, find_wrap_period, mark_rows_after_gaps
 from hdagen.data_quality.rank_check import is_determined
 from hdagen.data_quality.relations import (
     DEGREES_PER_RADIAN,
@@ -17,17 +17,17 @@ from hdagen.data_quality.relations import (
     compare_signals,
     explain_slopes,
 )
-from hdagen.log.channel_statistics import Channel, even, relation
-from hdagen.log.column_map import split_name
-from hdagen.log.measured_log import Log, gaps
+from hdagen.log.channel_statistics import ChannelStatistics, fit_slope_and_correlation, make_uniform_grid
+from hdagen.log.column_map import split_column_name
+from hdagen.log.measured_log import Log, find_gaps
 
-_TWICE = 1.7, 3.3  # times the usual move of a row where one or two rows before it were lost
-_LOST = 0.003  # least share of the moving rows, from which rows were lost
-_FOLLOWS = 0.95  # correlation from which a position follows a reference
-_TURNS = 25.0  # rad; a joint that spans more turns like a wheel, or is logged in degrees
+_LOST_ROW_RATIOS = 1.7, 3.3  # times the usual move of a row where one or two rows before it were lost
+_LEAST_LOST_SHARE = 0.003  # least share of the moving rows, from which rows were lost
+_FOLLOWING_CORRELATION = 0.95  # correlation from which a position follows a reference
+_LARGEST_SPAN = 25.0  # rad; a joint that spans more turns like a wheel, or is logged in degrees
 
 
-def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
+def find_jumps(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Finding]:
     """Find positions that leap in one row and stay there: a wrapped encoder, or one that was set anew.
 
     Args:
@@ -39,25 +39,25 @@ def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
 
     """
     findings = []
-    gap = after_gaps(log.time)
+    gap = mark_rows_after_gaps(log.time)
     for name, channel in channels.items():
-        base, joint = split_name(name) or ("", 0)
-        if base not in ("motor_position", "joint_position") or not channel.moves or len(log) < 10:
+        base, joint = split_column_name(name) or ("", 0)
+        if base not in ("motor_position", "joint_position") or not channel.is_moving or len(log) < 10:
             continue
-        place = Place.of(channel, log[name], gap)
-        if not len(place.leaping):
+        place = PositionTrack.measure(channel, log[name], gap)
+        if not len(place.leap_rows):
             continue
-        rows, jumps = place.leaping - 1, place.off[1:]
+        rows, jumps = place.leap_rows - 1, place.deviation[1:]
         size, row = float(np.median(np.abs(jumps[rows]))), int(rows[0])
         where = (
             f"{name} jumps by {size:.5g} in one row, {len(rows)} time(s), first after row {row + 1} "
             f"({log.time[row]:.6g} s)"
         )
-        period = wrapping(size)
+        period = find_wrap_period(size)
         if period is not None:
             unit = {360.0: {"unit": "deg"}, 1.0: {"unit": "turn"}}.get(period, {})
             repair = {name: {"wrap": period, **unit}}
-            sentence = f"{where}: an encoder that wraps at {period:.5g}; set {in_words(repair)} in columns.toml."
+            sentence = f"{where}: an encoder that wraps at {period:.5g}; set {format_repair(repair)} in columns.toml."
             findings.append(Finding(Severity.REFUSE, "wrapped", joint, sentence, repair))
         elif len(rows) > 1 and np.all(np.diff(rows)[::2] == 1):
             sentence = (
@@ -70,7 +70,7 @@ def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
     return findings
 
 
-def lost_rows(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
+def find_lost_rows(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Finding]:
     """Find rows that were lost before they were numbered.
 
     All moving positions go two or three times as far there as in the rows around, while time runs on evenly.
@@ -85,10 +85,10 @@ def lost_rows(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
     """
     ratios = []
     whole = np.ones(len(log) - 1, bool)
-    whole[gaps(log.time)[0]] = False
+    whole[find_gaps(log.time)[0]] = False
     for name, channel in channels.items():
-        base = (split_name(name) or ("", 0))[0]
-        if base not in ("motor_position", "joint_position") or not channel.moves or len(log) < 100:
+        base = (split_column_name(name) or ("", 0))[0]
+        if base not in ("motor_position", "joint_position") or not channel.is_moving or len(log) < 100:
             continue
         moves = np.diff(log[name])
         usual = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(moves, 3, mode="edge"), 7), axis=1)
@@ -100,10 +100,12 @@ def lost_rows(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
     low, high = (
         f(np.where(np.isfinite(ratios), ratios, default), axis=0) for f, default in ((np.min, 9.0), (np.max, -9.0))
     )
-    double = seen & (low > _TWICE[0]) & (high < _TWICE[1])
-    opposite = seen & (low > -_TWICE[1] + 2) & (high < 2 - _TWICE[0])  # as far off to the other side: shaky
+    double = seen & (low > _LOST_ROW_RATIOS[0]) & (high < _LOST_ROW_RATIOS[1])
+    opposite = (
+        seen & (low > -_LOST_ROW_RATIOS[1] + 2) & (high < 2 - _LOST_ROW_RATIOS[0])
+    )  # as far off to the other side: shaky
     lost, shaky = np.count_nonzero(double), np.count_nonzero(opposite)
-    if lost < 5 or lost < _LOST * np.count_nonzero(seen) or lost < 5 * shaky:
+    if lost < 5 or lost < _LEAST_LOST_SHARE * np.count_nonzero(seen) or lost < 5 * shaky:
         return []
     share, row = 100 * lost / np.count_nonzero(seen), int(np.flatnonzero(double)[0])
     sentence = (
@@ -114,7 +116,7 @@ def lost_rows(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
     return [Finding(Severity.REFUSE, "dropped", 0, sentence)]
 
 
-def spans(channels: Mapping[str, Channel], machine: Machine, sound: list[int]) -> list[Finding]:
+def check_spans(channels: Mapping[str, ChannelStatistics], machine: RobotFacts, sound: list[int]) -> list[Finding]:
     """Check that joints span no more than a joint can; otherwise they are in degrees.
 
     Args:
@@ -134,7 +136,7 @@ def spans(channels: Mapping[str, Channel], machine: Machine, sound: list[int]) -
         channel = channels[name]
         reach, span = max(abs(channel.low), abs(channel.high)), channel.high - channel.low
         degrees = {name: {"unit": "deg"}}
-        repair = f"set {in_words(degrees)} in columns.toml"
+        repair = f"set {format_repair(degrees)} in columns.toml"
         if limits is not None:
             allowed = max(abs(limits[0]), abs(limits[1]))
             if reach > 2 * allowed + 0.1:
@@ -148,7 +150,7 @@ def spans(channels: Mapping[str, Channel], machine: Machine, sound: list[int]) -
                     f"{limits[1]:.4g}): check the zero (offset under [{name}] in columns.toml) or the robot file."
                 )
                 findings.append(Finding(Severity.WARN, "limits", joint, sentence))
-        elif span > _TURNS:
+        elif span > _LARGEST_SPAN:
             sentence = (
                 f"{name} spans {span:.4g} rad, {span / (2 * math.pi):.3g} turns: degrees? Then {repair}; if it really "
                 "turns, state limits.position in the robot file."
@@ -157,7 +159,7 @@ def spans(channels: Mapping[str, Channel], machine: Machine, sound: list[int]) -
     return findings
 
 
-def steps(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
+def check_resolutions(channels: Mapping[str, ChannelStatistics], machine: RobotFacts) -> list[Finding]:
     """Check the encoders' steps against the resolution that the robot file states.
 
     Args:
@@ -176,7 +178,7 @@ def steps(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
         says = f"{name} moves in steps of {seen:.4g}, the robot file states {stated:.4g}"
         if abs(seen / stated / DEGREES_PER_RADIAN - 1) < 0.03:
             degrees = {name: {"unit": "deg"}}
-            sentence = f"{says}: degrees; set {in_words(degrees)} in columns.toml."
+            sentence = f"{says}: degrees; set {format_repair(degrees)} in columns.toml."
             findings.append(Finding(Severity.REFUSE, "degrees", joint, sentence, degrees))
         elif not 0.6 < seen / stated < 1.6:
             sentence = f"{says}: the wrong robot file, the wrong unit, or a resolution to correct there."
@@ -184,7 +186,9 @@ def steps(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
     return findings
 
 
-def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: int) -> list[Finding]:
+def compare_encoders(
+    log: Log, channels: Mapping[str, ChannelStatistics], machine: RobotFacts, joint: int
+) -> list[Finding]:
     """Compare the motor's position with the joint's: another slope than the ratio shows the mistake.
 
     Args:
@@ -201,7 +205,7 @@ def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint:
     if not both_encoders_move(channels, joint):
         return []
     ratio = machine.ratios[joint - 1]
-    slope, correlation = relation(log[link], log[motor])
+    slope, correlation = fit_slope_and_correlation(log[link], log[motor])
     if abs(correlation) < 0.95:
         sentence = (
             f"{motor} and {link} hardly move together (correlation {correlation:.2f}): one of them belongs to another "
@@ -213,7 +217,7 @@ def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint:
     for expected, name, mistake, repair in explain_slopes(ratio, motor, link, machine.prismatic[joint - 1]):
         if abs(slope / expected - 1) < 0.05:
             says = f"{motor} moves {slope:.4g} times as far as {link}, ratio {ratio:g}: {mistake}"
-            does = in_words(repair) or f"sign = -1 under [{motor}] or [{link}]"
+            does = format_repair(repair) or f"sign = -1 under [{motor}] or [{link}]"
             return [Finding(Severity.REFUSE, name, joint, f"{says}; set {does} in columns.toml.", repair)]
     sentence = (
         f"{motor} moves {slope:.4g} times as far as {link}, and the robot file states the ratio {ratio:g}: the file of "
@@ -222,7 +226,9 @@ def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint:
     return [Finding(Severity.REFUSE, "ratio", joint, sentence)]
 
 
-def rates(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: int) -> list[Finding]:
+def check_velocities(
+    log: Log, channels: Mapping[str, ChannelStatistics], machine: RobotFacts, joint: int
+) -> list[Finding]:
     """Check logged velocities against the derivative of the position of the same side.
 
     Args:
@@ -238,19 +244,21 @@ def rates(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: in
     findings: list[Finding] = []
     for side in ("motor", "joint"):
         position, velocity = f"{side}_position_{joint}", f"{side}_velocity_{joint}"
-        if position not in channels or velocity not in channels or not channels[position].moves:
+        if position not in channels or velocity not in channels or not channels[position].is_moving:
             continue
-        grid = even(log.time)
-        rate, logged = grid.rate(grid.smooth(log[position])), grid.smooth(log[velocity])
+        grid = make_uniform_grid(log.time)
+        rate, logged = grid.differentiate(grid.smooth(log[position])), grid.smooth(log[velocity])
         if np.std(logged) > 0:
             same = compare_signals(rate, logged, velocity, position, "/s", joint)
             refused = [finding for finding in same if finding.severity is Severity.REFUSE]
             ratio = machine.ratios[joint - 1]
-            findings += refused or check_derivative(relation(rate, logged), velocity, position, ratio, joint)
+            findings += refused or check_derivative(
+                fit_slope_and_correlation(rate, logged), velocity, position, ratio, joint
+            )
     return findings
 
 
-def reference(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding]:
+def check_reference(log: Log, channels: Mapping[str, ChannelStatistics], joint: int) -> list[Finding]:
     """Check the reference against the joint's position.
 
     A weak drive does not reach its reference, which is no mistake: only another joint that follows it is worth a
@@ -266,17 +274,20 @@ def reference(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Fin
 
     """
     position, reference = f"joint_position_{joint}", f"joint_position_reference_{joint}"
-    if position not in channels or reference not in channels or not channels[position].moves:
+    if position not in channels or reference not in channels or not channels[position].is_moving:
         return []
-    if not channels[reference].moves:
+    if not channels[reference].is_moving:
         return []
     others = {
-        name: abs(relation(log[name], log[reference])[1])
+        name: abs(fit_slope_and_correlation(log[name], log[reference])[1])
         for j in range(1, log.n_joints + 1)
-        if j != joint and (name := f"joint_position_{j}") in channels and channels[name].moves
+        if j != joint and (name := f"joint_position_{j}") in channels and channels[name].is_moving
     }
     findings = compare_signals(log[position], log[reference], reference, position, "", joint)
-    if any(finding.name == "unrelated" for finding in findings) and max(others.values(), default=0.0) > _FOLLOWS:
+    if (
+        any(finding.name == "unrelated" for finding in findings)
+        and max(others.values(), default=0.0) > _FOLLOWING_CORRELATION
+    ):
         other = max(others, key=lambda name: others[name])
         sentence = (
             f"{reference} hardly follows {position} and does follow {other} (correlation {others[other]:.2f}): that "
@@ -287,7 +298,7 @@ def reference(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Fin
     return [*noted, *(f for f in findings if f.severity is not Severity.WARN)]
 
 
-def swapped_encoders(log: Log, channels: Mapping[str, Channel], sound: list[int]) -> list[Finding]:
+def find_swapped_encoders(log: Log, channels: Mapping[str, ChannelStatistics], sound: list[int]) -> list[Finding]:
     """Find pairs of joints whose motor encoders follow each other's joint encoders.
 
     Args:
@@ -301,7 +312,9 @@ def swapped_encoders(log: Log, channels: Mapping[str, Channel], sound: list[int]
     """
     joints = [joint for joint in sound if both_encoders_move(channels, joint)]
     follows = {
-        (i, j): abs(relation(log[f"joint_position_{j}"], log[f"motor_position_{i}"])[1]) for i in joints for j in joints
+        (i, j): abs(fit_slope_and_correlation(log[f"joint_position_{j}"], log[f"motor_position_{i}"])[1])
+        for i in joints
+        for j in joints
     }
     findings = []
     for i, j in follows:
@@ -314,7 +327,9 @@ def swapped_encoders(log: Log, channels: Mapping[str, Channel], sound: list[int]
     return findings
 
 
-def skews(log: Log, channels: Mapping[str, Channel], machine: Machine, joints: list[int]) -> list[Finding]:
+def find_encoder_skews(
+    log: Log, channels: Mapping[str, ChannelStatistics], machine: RobotFacts, joints: list[int]
+) -> list[Finding]:
     """Measure how much later the joint's encoder reads than the motor's, by the part of their difference that is
     proportional to speed.
 
@@ -335,17 +350,20 @@ def skews(log: Log, channels: Mapping[str, Channel], machine: Machine, joints: l
         motor, link = f"motor_position_{joint}", f"joint_position_{joint}"
         if not both_encoders_move(channels, joint):
             continue
-        grid = even(log.time)
+        grid = make_uniform_grid(log.time)
         position = grid.smooth(log[link])
-        speed = grid.rate(position)
+        speed = grid.differentiate(position)
         twist = grid.smooth(log[motor] / machine.ratios[joint - 1] - log[link])
         slow = max(0.05 * float(np.quantile(np.abs(speed), 0.9)), 1e-12)
-        terms = [speed, grid.rate(speed), np.tanh(speed / slow), position, np.ones_like(speed)]
-        matrix = np.stack(terms, 1)[:: grid.width]
+        terms = [speed, grid.differentiate(speed), np.tanh(speed / slow), position, np.ones_like(speed)]
+        matrix = np.stack(terms, 1)[:: grid.window_rows]
         if not is_determined(matrix):
             continue
         matrix /= np.abs(matrix).max(0)
-        delay = np.linalg.lstsq(matrix, twist[:: grid.width], rcond=1e-9)[0][0] / np.abs(speed[:: grid.width]).max()
+        delay = (
+            np.linalg.lstsq(matrix, twist[:: grid.window_rows], rcond=1e-9)[0][0]
+            / np.abs(speed[:: grid.window_rows]).max()
+        )
         if abs(delay) > log.period:
             found[joint] = float(delay)
     delays, why = list(found.values()), "a late encoder, or a joint that bends so"

@@ -8,8 +8,8 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 
-ROWS = 5  # rows for each term of a fit at least
-TURN = 2 * np.pi
+LEAST_ROWS_PER_TERM = 5  # rows for each term of a fit at least
+FULL_TURN = 2 * np.pi
 
 
 def is_determined(terms: Array) -> bool:
@@ -22,10 +22,10 @@ def is_determined(terms: Array) -> bool:
         Whether there are at least five rows for each column.
 
     """
-    return len(terms) >= ROWS * terms.shape[1]
+    return len(terms) >= LEAST_ROWS_PER_TERM * terms.shape[1]
 
 
-def resolved_orders(angle: Array, orders: Iterable[int]) -> list[int]:
+def find_resolved_orders(angle: Array, orders: Iterable[int]) -> list[int]:
     """Choose the ripple orders that data at some angles can determine together.
 
     Args:
@@ -37,9 +37,9 @@ def resolved_orders(angle: Array, orders: Iterable[int]) -> list[int]:
         orders whose half cycle is wider than any part of the turn without an angle, and for which there are rows.
 
     """
-    if not len(angle) or np.ptp(angle) < TURN:
+    if not len(angle) or np.ptp(angle) < FULL_TURN:
         return []
-    within = np.sort(np.mod(angle, TURN))
-    widest = float(np.diff(within, append=within[0] + TURN).max())
-    finest = min(np.pi / widest, (len(angle) / ROWS - 1) / 2)
+    within = np.sort(np.mod(angle, FULL_TURN))
+    widest = float(np.diff(within, append=within[0] + FULL_TURN).max())
+    finest = min(np.pi / widest, (len(angle) / LEAST_ROWS_PER_TERM - 1) / 2)
     return [k for k in orders if k <= finest]

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hdagen.data_quality.finding import Finding, Severity, in_words
-from hdagen.log.channel_statistics import Channel, relation
+from hdagen.data_quality.finding import Finding, Severity, format_repair
+from hdagen.log.channel_statistics import ChannelStatistics, fit_slope_and_correlation
 
 DEGREES_PER_RADIAN = 180 / math.pi
 _RELATED_CORRELATION = 0.7  # of a velocity with a derivative, from which it can be its own
@@ -20,7 +20,7 @@ _UNIT_FACTOR_TOLERANCE = 1.02  # ratio to such a factor, within which a slope co
 Explanation = tuple[float, str, str, dict[str, dict[str, Any]]]  # slope, name of the finding, mistake, repair
 
 
-def both_encoders_move(channels: Mapping[str, Channel], joint: int) -> bool:
+def both_encoders_move(channels: Mapping[str, ChannelStatistics], joint: int) -> bool:
     """Say whether both encoders of a joint were logged and move.
 
     Args:
@@ -32,7 +32,7 @@ def both_encoders_move(channels: Mapping[str, Channel], joint: int) -> bool:
 
     """
     names = f"motor_position_{joint}", f"joint_position_{joint}"
-    return all(name in channels and channels[name].moves for name in names)
+    return all(name in channels and channels[name].is_moving for name in names)
 
 
 def explain_slopes(ratio: float, motor: str, link: str, prismatic: bool) -> Iterator[Explanation]:
@@ -97,7 +97,7 @@ def check_derivative(
         repair = {velocity: {"scale": float(f"{1 / factor:.9g}")}}
     sentence = (
         f"{velocity} contradicts {position}: it is {slope:.3g} times its derivative (correlation {correlation:.2f}); "
-        f"set {in_words(repair)} in columns.toml."
+        f"set {format_repair(repair)} in columns.toml."
     )
     return [Finding(Severity.WARN, "contradicted", joint, sentence, repair)]
 
@@ -119,7 +119,7 @@ def compare_signals(
         A finding where it does not.
 
     """
-    slope, correlation = relation(expected, found)
+    slope, correlation = fit_slope_and_correlation(expected, found)
     other = position
     if per:
         other = f"the derivative of {position}"
@@ -136,7 +136,7 @@ def compare_signals(
     )
     for factor, finding, mistake, repair in mistakes:
         if 0.5 < slope / factor < 2:  # a reference that is badly followed is larger, and no other mistake is near
-            sentence = f"{name} is {slope:.3g} times {other}: {mistake}; set {in_words(repair)} in columns.toml."
+            sentence = f"{name} is {slope:.3g} times {other}: {mistake}; set {format_repair(repair)} in columns.toml."
             return [Finding(Severity.REFUSE, finding, joint, sentence, repair)]
     if not 0.5 < slope < 2:
         sentence = (

@@ -12,34 +12,34 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdagen.log.column_map import split_name
+from hdagen.log.column_map import split_column_name
 from hdagen.log.measured_log import Log
 
-POSITIONS = ("motor_position", "joint_position")
+POSITION_CHANNELS = ("motor_position", "joint_position")
 # Share of a position's noise; two recordings differ by more in most rows, even by whole counts
-_EXACT = 0.25
-_STRETCH, _ALIKE = 100, 0.9  # rows in motion of a stretch, and the share of them that must be found
-_LOOKS = 64  # stretches of a log that are looked for in another
-_TURN = 2 * np.pi
+_EXACT_NOISE_SHARE = 0.25
+_STRETCH_ROWS, _LEAST_ALIKE_SHARE = 100, 0.9  # rows in motion of a stretch, and the share of them that must be found
+_MOST_STRETCHES = 64  # stretches of a log that are looked for in another
+_FULL_TURN = 2 * np.pi
 
 Mask = NDArray[np.bool_]
 Span = tuple[float, float]  # s
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedSpan:
     """A motion that two logs share: its begin and end in the time of each, s."""
 
     one: Span
     other: Span
 
     @property
-    def exchanged(self) -> Shared:
+    def swapped_logs(self) -> SharedSpan:
         """The same motion, of the logs in the other order."""
-        return Shared(self.other, self.one)
+        return SharedSpan(self.other, self.one)
 
 
-def fresh_rows(log: Log, shared: Sequence[Shared]) -> Mask:
+def mask_unshared_rows(log: Log, shared: Sequence[SharedSpan]) -> Mask:
     """Find the rows of a log whose motion no other log holds.
 
     Args:
@@ -57,7 +57,7 @@ def fresh_rows(log: Log, shared: Sequence[Shared]) -> Mask:
 
 
 @np.errstate(invalid="ignore")  # a log that is refused may hold anything
-def shared_motion(one: Log, other: Log, noise: Mapping[str, float]) -> list[Shared]:
+def find_shared_motion(one: Log, other: Log, noise: Mapping[str, float]) -> list[SharedSpan]:
     """Find where two logs hold the same recording.
 
     Stretches of the log with fewer rows a second are looked for in the other one: rows that have, after the same times,
@@ -74,23 +74,25 @@ def shared_motion(one: Log, other: Log, noise: Mapping[str, float]) -> list[Shar
 
     """
     if one.period > other.period:
-        return [found.exchanged for found in shared_motion(other, one, noise)]
-    names = [name for name in one.columns if (split_name(name) or ("", 0))[0] in POSITIONS and name in other]
+        return [found.swapped_logs for found in find_shared_motion(other, one, noise)]
+    names = [
+        name for name in one.columns if (split_column_name(name) or ("", 0))[0] in POSITION_CHANNELS and name in other
+    ]
     if not names:
         return []
-    pair = _Pair.of(one, other, names, noise)
-    found: list[Shared] = []
-    for rows in pair.looks():
+    pair = _LogPair.from_logs(one, other, names, noise)
+    found: list[SharedSpan] = []
+    for rows in pair.list_stretches():
         begin = other.time[rows[0]]
         if not any(known.other[0] <= begin <= known.other[1] for known in found):
-            for at in pair.places(rows):
+            for at in pair.find_matches(rows):
                 if not any(known.one[0] <= one.time[at] <= known.one[1] for known in found):
-                    found.append(pair.followed(int(at), int(rows[0])))
+                    found.append(pair.extend_match(int(at), int(rows[0])))
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class _Pair:
+class _LogPair:
     """A log and another one with no more rows a second.
 
     Attributes:
@@ -107,42 +109,44 @@ class _Pair:
     other: Log
     ours: np.ndarray
     theirs: np.ndarray
-    near: np.ndarray
-    between: np.ndarray
+    tolerance: np.ndarray
+    row_boundaries: np.ndarray
 
     @classmethod
-    def of(cls, log: Log, other: Log, names: Sequence[str], noise: Mapping[str, float]) -> _Pair:
+    def from_logs(cls, log: Log, other: Log, names: Sequence[str], noise: Mapping[str, float]) -> _LogPair:
         ours = np.stack([log[name] for name in names])
         theirs = np.stack([other[name] for name in names])
-        near = _EXACT * np.array([[noise.get(name, 0.0)] for name in names]) + 1e-9 * np.abs(ours).max(1, keepdims=True)
+        near = _EXACT_NOISE_SHARE * np.array([[noise.get(name, 0.0)] for name in names]) + 1e-9 * np.abs(ours).max(
+            1, keepdims=True
+        )
         return cls(log, other, ours, theirs, near, (log.time[1:] + log.time[:-1]) / 2)
 
-    def looks(self) -> Iterator[np.ndarray]:
+    def list_stretches(self) -> Iterator[np.ndarray]:
         """Stretches of rows in motion, all over the other log."""
         changes = np.any(np.diff(self.theirs) != 0, axis=0)
         moving = np.flatnonzero(np.append(changes, False) | np.append(False, changes))
-        at = np.linspace(0, max(len(moving) - _STRETCH, 0), _LOOKS).astype(int)
-        return (moving[k : k + _STRETCH] for k in np.unique(at) if moving.size)
+        at = np.linspace(0, max(len(moving) - _STRETCH_ROWS, 0), _MOST_STRETCHES).astype(int)
+        return (moving[k : k + _STRETCH_ROWS] for k in np.unique(at) if moving.size)
 
-    def places(self, rows: np.ndarray) -> np.ndarray:
+    def find_matches(self, rows: np.ndarray) -> np.ndarray:
         """The rows of the log at which the motion of the other log's ``rows`` begins."""
         first, found = rows[0], np.arange(len(self.log))
-        for mine, sought, within in zip(self.ours, self.theirs[:, first], self.near, strict=True):
+        for mine, sought, within in zip(self.ours, self.theirs[:, first], self.tolerance, strict=True):
             off = mine[found] - sought
-            found = found[np.abs(off - _TURN * np.rint(off / _TURN)) <= within]
+            found = found[np.abs(off - _FULL_TURN * np.rint(off / _FULL_TURN)) <= within]
         for part in (rows[1::10], rows[1:]):  # the few first: they leave hardly any place
-            found = found[np.mean(self.alike(found[:, None], int(first), part), axis=1) > _ALIKE]
+            found = found[np.mean(self.compare_rows(found[:, None], int(first), part), axis=1) > _LEAST_ALIKE_SHARE]
         return found
 
-    def alike(self, at: np.ndarray, first: int, rows: np.ndarray) -> Mask:
+    def compare_rows(self, at: np.ndarray, first: int, rows: np.ndarray) -> Mask:
         """Whether the other log has moved from its row ``first`` to each of ``rows`` (R) as the log has from its rows
         ``at`` (K, 1) on: (K, R)."""
         time = self.log.time[at] + (self.other.time[rows] - self.other.time[first])
-        same = np.searchsorted(self.between, time)
+        same = np.searchsorted(self.row_boundaries, time)
         off = self.ours[:, same] - self.ours[:, at] - (self.theirs[:, rows] - self.theirs[:, [first]])[:, None]
-        return np.asarray(np.all(np.abs(off) <= self.near[:, :, None], axis=0))
+        return np.asarray(np.all(np.abs(off) <= self.tolerance[:, :, None], axis=0))
 
-    def followed(self, at: int, first: int) -> Shared:
+    def extend_match(self, at: int, first: int) -> SharedSpan:
         """The motion shared about row ``at`` of the log, which is row ``first`` of the other one.
 
         It reaches as far as most rows of each stretch are alike, within both logs.
@@ -150,13 +154,13 @@ class _Pair:
         late = self.log.time[at] - self.other.time[first]
         begin, end = np.searchsorted(self.other.time + late, self.log.time[[0, -1]])
         rows = np.arange(begin, min(end + 1, len(self.other)))
-        same = np.append(0, np.cumsum(self.alike(np.array([[at]]), first, rows)[0]))
-        length = min(_STRETCH, len(rows))
+        same = np.append(0, np.cumsum(self.compare_rows(np.array([[at]]), first, rows)[0]))
+        length = min(_STRETCH_ROWS, len(rows))
         share = (same[length:] - same[:-length]) / length  # of the rows from each one on
-        good, k = share > _ALIKE, min(first - begin, len(share) - 1)
+        good, k = share > _LEAST_ALIKE_SHARE, min(first - begin, len(share) - 1)
         before, after = (int(np.argmin(np.append(side, False))) for side in (good[k::-1], good[k:]))
         low, high = (
             float(self.other.time[rows[min(max(row, 0), len(rows) - 1)]])
             for row in (k + 1 - before, k + after + length - 2)
         )
-        return Shared((low + late, high + late), (low, high))
+        return SharedSpan((low + late, high + late), (low, high))

@@ -8,25 +8,33 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.demo.demo_runs import BAR, PUSHES, RADIUS, SMOOTHING, TURN, Demo, Followed
-from hdagen.demo.shipped_logs import Replayed
+from hdagen.demo.demo_runs import (
+    CIRCLE_PUSHES,
+    CIRCLE_RADIUS,
+    LARGEST_GAP_SHARE,
+    SECONDS_PER_TURN,
+    SMOOTHING_SECONDS,
+    CircleRun,
+    DemoResult,
+)
+from hdagen.demo.shipped_logs import ReplayedLog
 from hdagen.pages import animation, figure, page
-from hdagen.pages.number_table import Cell
-from hdagen.prediction.window_replay import WINDOW
+from hdagen.pages.number_table import TableCell
+from hdagen.prediction.window_replay import REPLAY_WINDOW
 from hdagen.support.version import __version__
 
-NAMES = {"impedance_cartesian": "impedance", "admittance_cartesian": "admittance"}
-COLORS = {"impedance_cartesian": "blue", "admittance_cartesian": "vermilion"}
+LAW_NAMES = {"impedance_cartesian": "impedance", "admittance_cartesian": "admittance"}
+LAW_COLORS = {"impedance_cartesian": "blue", "admittance_cartesian": "vermilion"}
 LINK = "circle"  # the figures that share the time of the circle
-AXES = ("x", "y")
-NB = "\N{NO-BREAK SPACE}"
-BANDS = [
-    (push.start, push.end, f"{np.hypot(*push.force):g} N in {AXES[int(np.argmax(np.abs(push.force)))]}")
-    for push in PUSHES
+AXIS_NAMES = ("x", "y")
+NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
+PUSH_BANDS = [
+    (push.start, push.end, f"{np.hypot(*push.force):g} N in {AXIS_NAMES[int(np.argmax(np.abs(push.force)))]}")
+    for push in CIRCLE_PUSHES
 ]
 
 
-def write(path: Path, demo: Demo) -> None:
+def write_demo_page(path: Path, demo: DemoResult) -> None:
     """Write the page, whole or not at all.
 
     Args:
@@ -37,11 +45,19 @@ def write(path: Path, demo: Demo) -> None:
         OSError: The page cannot be written.
 
     """
-    sections = [_motion(demo), _displacement(demo), _forces(demo), _torque(demo), *map(_replay, demo.replays)]
-    page.write(path, "A dual-joint harmonic-drive arm, compiled", verdict(demo), sections, _reproduce(demo))
+    sections = [
+        _build_motion_section(demo),
+        _build_displacement_section(demo),
+        _build_forces_section(demo),
+        _build_torque_section(demo),
+        *map(_build_replay_section, demo.replays),
+    ]
+    page.write_page(
+        path, "A dual-joint harmonic-drive arm, compiled", format_demo_verdict(demo), sections, _format_commands(demo)
+    )
 
 
-def verdict(demo: Demo) -> str:
+def format_demo_verdict(demo: DemoResult) -> str:
     """Sum the demo up in one sentence, with its numbers.
 
     Args:
@@ -53,51 +69,54 @@ def verdict(demo: Demo) -> str:
     """
     drive = demo.arm.robot["joints"][0]["drive"]
     friction = drive["ratio"]["nominal"] * drive["coulomb_friction"]["nominal"]
-    shares = " and ".join(f"{100 * f.share:.1f}{NB}% ({NAMES[f.law]})" for f in demo.followed)
+    shares = " and ".join(f"{100 * f.gap_share:.1f}{NO_BREAK_SPACE}% ({LAW_NAMES[f.law]})" for f in demo.circle_runs)
     failed = ""
-    if not demo.holds:
-        failed = f", which misses the bar of {100 * BAR:g}{NB}%"
+    if not demo.meets_bar:
+        failed = f", which misses the bar of {100 * LARGEST_GAP_SHARE:g}{NO_BREAK_SPACE}%"
     text = (
-        f"Pushed with {np.hypot(*PUSHES[0].force):g}{NB}N, the tip moves as the mass, damper and spring that it is "
-        f"told to be, to within {shares} of their largest displacement, "
-        f"{1e3 * demo.followed[0].largest_ideal:.1f}{NB}mm, against {friction:.2g}{NB}N{NB}m of dry friction in each "
-        f"joint{failed}; in windows of {WINDOW:g}{NB}s"
+        f"Pushed with {np.hypot(*CIRCLE_PUSHES[0].force):g}{NO_BREAK_SPACE}N, the tip moves as the mass, damper and"
+        f" spring that it is told to be, to within {shares} of their largest displacement,"
+        f" {1e3 * demo.circle_runs[0].largest_ideal:.1f}{NO_BREAK_SPACE}mm, against"
+        f" {friction:.2g}{NO_BREAK_SPACE}N{NO_BREAK_SPACE}m of dry friction in each joint{failed}; in windows of"
+        f" {REPLAY_WINDOW:g}{NO_BREAK_SPACE}s"
     )
-    return f"{text} the model replays {' and '.join(_replay_words(one) for one in demo.replays)}."
+    return f"{text} the model replays {' and '.join(_describe_replay(one) for one in demo.replays)}."
 
 
-def _replay_words(replayed: Replayed) -> str:
-    errors = " and ".join(f"{1e3 * channel.rms:#.2g}" for channel in replayed.channels)
-    return f"a log {_origin(replayed)} to {errors}{NB}m{replayed.channels[0].unit}{NB}rms"
+def _describe_replay(replayed: ReplayedLog) -> str:
+    errors = " and ".join(f"{1e3 * channel.rms_residual:#.2g}" for channel in replayed.joints)
+    return (
+        f"a log {_describe_origin(replayed)} to {errors}{NO_BREAK_SPACE}m{replayed.joints[0].unit}{NO_BREAK_SPACE}rms"
+    )
 
 
-def _origin(replayed: Replayed) -> str:
-    if replayed.real:
+def _describe_origin(replayed: ReplayedLog) -> str:
+    if replayed.is_measured:
         return f"measured on {replayed.name}"
     return f"simulated by {replayed.name}"
 
 
-def _motion(demo: Demo) -> page.Section:
-    first = demo.followed[0]
+def _build_motion_section(demo: DemoResult) -> page.Section:
+    first = demo.circle_runs[0]
     time, circle = first.reference.time, first.reference.position
-    moving = animation.arm(
+    moving = animation.animate_arms(
         "The arm",
         time,
-        [animation.Arm(NAMES[f.law], f.points, COLORS[f.law]) for f in demo.followed],
+        [animation.MovingArm(LAW_NAMES[f.law], f.points, LAW_COLORS[f.law]) for f in demo.circle_runs],
         target=circle,
-        pushes=[(push.start, push.end, push.force) for push in PUSHES],
+        pushes=[(push.start, push.end, push.force) for push in CIRCLE_PUSHES],
         caption="Arrows are the pushes on the tip. Press play; the cursor of the figures below follows.",
         link=LINK,
     )
     planes = []
-    for f in demo.followed:
+    for f in demo.circle_runs:
         curves = [
-            _path("circle", circle, time, "grey", "dashed", 1.4),
-            _path("tip", f.points[:, -1], time, COLORS[f.law], "solid", 1.8),
-            _path("ideal", circle + f.ideal, time, "ink", "dotted", 1.8),
+            _build_path_curve("circle", circle, time, "grey", "dashed", 1.4),
+            _build_path_curve("tip", f.points[:, -1], time, LAW_COLORS[f.law], "solid", 1.8),
+            _build_path_curve("ideal", circle + f.ideal_displacement, time, "ink", "dotted", 1.8),
         ]
-        planes.append(figure.Plane(curves, heading=f"{NAMES[f.law]} control"))
-    paths = figure.planes(
+        planes.append(figure.Plane(curves, heading=f"{LAW_NAMES[f.law]} control"))
+    paths = figure.draw_planes(
         "Path of the tip",
         planes,
         x_label="x (m)",
@@ -107,57 +126,61 @@ def _motion(demo: Demo) -> page.Section:
     )
     g = first.gains
     text = (
-        "The compiled arm, with dry friction that sticks, encoders that count and sensors with noise, follows a "
-        f"circle of {1e3 * RADIUS:g}{NB}mm radius, {TURN:g}{NB}s a turn, and is pushed twice. Both controllers are "
-        f"asked to be a mass of {g['mass_x']:g}{NB}kg, a damper of {g['damping_x']:g}{NB}N{NB}s/m and a spring of "
-        f"{g['stiffness_x']:g}{NB}N/m about the moving point. Impedance control asks the motors for the torque that "
-        "this takes; admittance control reads the force and moves to where the mass would be."
+        "The compiled arm, with dry friction that sticks, encoders that count and sensors with noise, follows a circle"
+        f" of {1e3 * CIRCLE_RADIUS:g}{NO_BREAK_SPACE}mm radius, {SECONDS_PER_TURN:g}{NO_BREAK_SPACE}s a turn, and is"
+        f" pushed twice. Both controllers are asked to be a mass of {g['mass_x']:g}{NO_BREAK_SPACE}kg, a damper of"
+        f" {g['damping_x']:g}{NO_BREAK_SPACE}N{NO_BREAK_SPACE}s/m and a spring of"
+        f" {g['stiffness_x']:g}{NO_BREAK_SPACE}N/m about the moving point. Impedance control asks the motors for the"
+        " torque that this takes; admittance control reads the force and moves to where the mass would be."
     )
-    return page.Section("The arm on its circle", text, [moving, paths, _table(demo)])
+    return page.Section("The arm on its circle", text, [moving, paths, _build_gap_table(demo)])
 
 
-def _path(label: str, points: Array, time: Array, color: str, dash: str, width: float) -> figure.Curve:
+def _build_path_curve(label: str, points: Array, time: Array, color: str, dash: str, width: float) -> figure.Curve:
     return figure.Curve(label, points[:, 0], points[:, 1], time=time, color=color, dash=dash, width=width)
 
 
-def _table(demo: Demo) -> str:
-    rows = [_row(NAMES[f.law], f) for f in demo.followed]
-    rows.append(_row(f"{NAMES[demo.uncompensated.law]} without observer", demo.uncompensated))
+def _build_gap_table(demo: DemoResult) -> str:
+    rows = [_build_gap_row(LAW_NAMES[f.law], f) for f in demo.circle_runs]
+    rows.append(_build_gap_row(f"{LAW_NAMES[demo.uncompensated_run.law]} without observer", demo.uncompensated_run))
     columns = ("control", "gap (mm)", "gap (%)", "at (s)", "rms gap (mm)", "limited", "refused")
     met = "missed"
-    if demo.holds:
+    if demo.meets_bar:
         met = "met"
     caption = (
-        "The largest gap between tip and ideal, also as a share of the largest ideal displacement, "
-        f"{1e3 * demo.followed[0].largest_ideal:.1f}{NB}mm; the bar for the first two rows, {100 * BAR:g}{NB}%, is "
-        f"{met}. The last row shows the effect of dry friction where no observer compensates it. "
-        f"Limited: ticks, of {len(demo.followed[0].gap)}, whose torque the guard held back in size or rate."
+        "The largest gap between tip and ideal, also as a share of the largest ideal displacement,"
+        f" {1e3 * demo.circle_runs[0].largest_ideal:.1f}{NO_BREAK_SPACE}mm; the bar for the first two rows,"
+        f" {100 * LARGEST_GAP_SHARE:g}{NO_BREAK_SPACE}%, is {met}. The last row shows the effect of dry friction where"
+        f" no observer compensates it. Limited: ticks, of {len(demo.circle_runs[0].gap)}, whose torque the guard held"
+        " back in size or rate."
     )
-    faults = "".join(f" {NAMES[f.law]}: {f.fault}" for f in demo.followed if f.fault)
-    return figure.table("Tip against ideal", columns, rows, digits=3, caption=caption + faults)
+    faults = "".join(f" {LAW_NAMES[f.law]}: {f.first_fault}" for f in demo.circle_runs if f.first_fault)
+    return figure.draw_table("Tip against ideal", columns, rows, digits=3, caption=caption + faults)
 
 
-def _row(name: str, f: Followed) -> list[Cell]:
+def _build_gap_row(name: str, f: CircleRun) -> list[TableCell]:
     rms = float(np.sqrt(np.mean(f.gap**2)))
     at = float(f.reference.time[f.gap.argmax()])
     status = f.simulation.status
     limited, refused = int((status > 0).sum()), int((status < 0).sum())
-    return [name, 1e3 * float(f.gap.max()), 100 * f.share, at, 1e3 * rms, limited, refused]
+    return [name, 1e3 * float(f.gap.max()), 100 * f.gap_share, at, 1e3 * rms, limited, refused]
 
 
-def _displacement(demo: Demo) -> page.Section:
-    first = demo.followed[0]
+def _build_displacement_section(demo: DemoResult) -> page.Section:
+    first = demo.circle_runs[0]
     panels = []
     for axis in range(2):
-        series = [figure.Series(NAMES[f.law], f.moved[:, axis], COLORS[f.law]) for f in demo.followed]
-        ideal = figure.Series("ideal", first.ideal[:, axis], "ink", "dotted")
-        panels.append(figure.Panel(f"tip off the circle, {AXES[axis]} (m)", [*series, ideal]))
-    gaps = [figure.Series(NAMES[f.law], f.gap, COLORS[f.law]) for f in demo.followed]
-    name = f"{NAMES[demo.uncompensated.law]} without observer"
-    gaps.append(figure.Series(name, demo.uncompensated.gap, "grey", "solid", width=1.2))
-    bar = [(BAR * first.largest_ideal, f"{100 * BAR:g} % of the largest ideal")]
+        series = [
+            figure.Series(LAW_NAMES[f.law], f.tip_displacement[:, axis], LAW_COLORS[f.law]) for f in demo.circle_runs
+        ]
+        ideal = figure.Series("ideal", first.ideal_displacement[:, axis], "ink", "dotted")
+        panels.append(figure.Panel(f"tip off the circle, {AXIS_NAMES[axis]} (m)", [*series, ideal]))
+    gaps = [figure.Series(LAW_NAMES[f.law], f.gap, LAW_COLORS[f.law]) for f in demo.circle_runs]
+    name = f"{LAW_NAMES[demo.uncompensated_run.law]} without observer"
+    gaps.append(figure.Series(name, demo.uncompensated_run.gap, "grey", "solid", width=1.2))
+    bar = [(LARGEST_GAP_SHARE * first.largest_ideal, f"{100 * LARGEST_GAP_SHARE:g} % of the largest ideal")]
     panels.append(figure.Panel("gap to the ideal (m)", gaps, levels=bar, height=1.2))
-    drawn = figure.panels("Displacement", first.reference.time, panels, bands=BANDS, link=LINK)
+    drawn = figure.draw_panels("Displacement", first.reference.time, panels, bands=PUSH_BANDS, link=LINK)
     text = (
         "How far the tip is off the point that moves on the circle, and how far M ẍ + B ẋ + K x = F says it should be. "
         "The gap peaks where the force steps: the motors' torque may only change so fast, and speeds are filtered "
@@ -167,30 +190,30 @@ def _displacement(demo: Demo) -> page.Section:
     return page.Section("How it gives way", text, [drawn])
 
 
-def _forces(demo: Demo) -> page.Section:
-    first = demo.followed[0]
+def _build_forces_section(demo: DemoResult) -> page.Section:
+    first = demo.circle_runs[0]
     log, colors = first.simulation.log, ("green", "purple")
     felt = [
         figure.Series(axis, log[f"tip_force_{axis}"], color, "solid", width=1.2)
-        for axis, color in zip(AXES, colors, strict=True)
+        for axis, color in zip(AXIS_NAMES, colors, strict=True)
     ]
     panels = [figure.Panel("force on the tip (N)", felt, height=0.9)]
     for j in range(demo.arm.n):
         series = [
-            figure.Series(NAMES[f.law], f.simulation.torque[:, j], COLORS[f.law], draw="step", width=1.2)
-            for f in demo.followed
+            figure.Series(LAW_NAMES[f.law], f.simulation.torque[:, j], LAW_COLORS[f.law], draw="step", width=1.2)
+            for f in demo.circle_runs
         ]
-        limit = _limit(demo.arm, j)
+        limit = _find_torque_limit(demo.arm, j)
         panels.append(
             figure.Panel(
                 "motor torque (N m)", series, heading=f"joint {j + 1}", levels=[(limit, "limit"), (-limit, "")]
             )
         )
-    drawn = figure.panels(
+    drawn = figure.draw_panels(
         "Force and motor torques",
         first.reference.time,
         panels,
-        bands=BANDS,
+        bands=PUSH_BANDS,
         caption="The force as its sensor reads it, and the torques that the guard let through to the motors.",
         link=LINK,
     )
@@ -201,16 +224,20 @@ def _forces(demo: Demo) -> page.Section:
     return page.Section("Forces and torques", text, [drawn])
 
 
-def _limit(arm: Arm, j: int) -> float:
+def _find_torque_limit(arm: Arm, j: int) -> float:
     drive = arm.robot["joints"][j]["drive"]
     return float(drive["torque_constant"]["nominal"] * drive["max_current"])
 
 
-def _torque(demo: Demo) -> page.Section:
-    estimated = demo.estimated
+def _build_torque_section(demo: DemoResult) -> page.Section:
+    estimated = demo.torque_estimates
     torques, errors = [], []
     for j in range(demo.arm.n):
-        dynamic, series, true = estimated.dynamic[:, j], estimated.series[:, j], estimated.true[:, j]
+        dynamic, series, true = (
+            estimated.dynamic_estimate[:, j],
+            estimated.series_estimate[:, j],
+            estimated.true_torque[:, j],
+        )
         three = [
             figure.Series("dynamic", dynamic, "orange", "solid", width=1.2),
             figure.Series("series", series, "green", "solid", width=1.4),
@@ -222,38 +249,40 @@ def _torque(demo: Demo) -> page.Section:
         ]
         torques.append(figure.Panel("τ (N m)", three, heading=f"joint {j + 1}"))
         errors.append(figure.Panel("error (N m)", two, height=0.7))
-    drawn = figure.panels(
+    drawn = figure.draw_panels(
         "Joint torque, true and estimated",
-        demo.followed[0].reference.time,
+        demo.circle_runs[0].reference.time,
         [*torques, *errors],
-        bands=[(start, end, "") for start, end, _ in BANDS],
+        bands=[(start, end, "") for start, end, _ in PUSH_BANDS],
         columns=demo.arm.n,
         share_y=True,
-        caption=f"Under {NAMES[demo.followed[0].law]} control; angles smoothed over {1e3 * SMOOTHING:g} ms.",
+        caption=(
+            f"Under {LAW_NAMES[demo.circle_runs[0].law]} control; angles smoothed over {1e3 * SMOOTHING_SECONDS:g} ms."
+        ),
         link=LINK,
     )
-    rows: list[list[Cell]] = [
-        ["series", *map(float, estimated.rms(estimated.series))],
-        ["dynamic", *map(float, estimated.rms(estimated.dynamic))],
+    rows: list[list[TableCell]] = [
+        ["series", *map(float, estimated.rms_error(estimated.series_estimate))],
+        ["dynamic", *map(float, estimated.rms_error(estimated.dynamic_estimate))],
     ]
     columns = ("estimate", *(f"joint {j}, rms error (N m)" for j in range(1, demo.arm.n + 1)))
     text = (
-        "No sensor measures the joints' torque; it is read from the torsion, the difference between two encoders, "
-        f"where a count of the motor's is about 0.1{NB}N{NB}m. The series estimate inverts both springs of the drive "
-        "at once. The dynamic one takes the wave generator's share from the motor's torque, acceleration and "
-        "friction, and errs where the rotor sticks, for there friction is anything up to its level. Neither sees "
-        "the torque of the drive's damping, which counts for a moment where the force steps."
+        "No sensor measures the joints' torque; it is read from the torsion, the difference between two encoders,"
+        f" where a count of the motor's is about 0.1{NO_BREAK_SPACE}N{NO_BREAK_SPACE}m. The series estimate inverts"
+        " both springs of the drive at once. The dynamic one takes the wave generator's share from the motor's torque,"
+        " acceleration and friction, and errs where the rotor sticks, for there friction is anything up to its level."
+        " Neither sees the torque of the drive's damping, which counts for a moment where the force steps."
     )
-    table = figure.table("Errors", columns, rows, digits=2)
+    table = figure.draw_table("Errors", columns, rows, digits=2)
     return page.Section("Torque without a torque sensor", text, [drawn, table])
 
 
-def _replay(replayed: Replayed) -> page.Section:
+def _build_replay_section(replayed: ReplayedLog) -> page.Section:
     above, below = [], []
     origin = replayed.name
-    if replayed.real:
+    if replayed.is_measured:
         origin = "measured"
-    for channel in replayed.channels:
+    for channel in replayed.joints:
         curves = [
             figure.Series(origin, channel.measured, "ink", "solid", width=1.2),
             figure.Series("replayed", channel.predicted, "vermilion", "dashed"),
@@ -262,19 +291,28 @@ def _replay(replayed: Replayed) -> page.Section:
         residual = [figure.Series("", channel.residual, "vermilion", "solid", width=1.1)]
         below.append(figure.Panel(f"replayed − {origin} ({channel.unit})", residual, height=0.8))
     panels = [*above, *below]
-    drawn = figure.panels("Replay", replayed.log.time, panels, columns=len(above), share_y=True, link=replayed.name)
-    rows: list[list[Cell]] = [
-        [c.name, c.unit, c.rms, float(np.abs(c.residual).max()), c.still, 100 * c.rms / c.still]
-        for c in replayed.channels
+    drawn = figure.draw_panels(
+        "Replay", replayed.log.time, panels, columns=len(above), share_y=True, link=replayed.name
+    )
+    rows: list[list[TableCell]] = [
+        [
+            c.name,
+            c.unit,
+            c.rms_residual,
+            float(np.abs(c.residual).max()),
+            c.motion_rms,
+            100 * c.rms_residual / c.motion_rms,
+        ]
+        for c in replayed.joints
     ]
     columns = ("", "unit", "rms residual", "largest", "rms motion", "residual / motion (%)")
-    caption = f"Motion is the way since the start of each window of {WINDOW:g} s."
-    table = figure.table("Residuals", columns, rows, digits=3, caption=caption)
-    return page.Section(f"Replay of a log {_origin(replayed)}", _replay_text(replayed), [drawn, table])
+    caption = f"Motion is the way since the start of each window of {REPLAY_WINDOW:g} s."
+    table = figure.draw_table("Residuals", columns, rows, digits=3, caption=caption)
+    return page.Section(f"Replay of a log {_describe_origin(replayed)}", _explain_replay(replayed), [drawn, table])
 
 
-def _replay_text(replayed: Replayed) -> str:
-    if replayed.real:
+def _explain_replay(replayed: ReplayedLog) -> str:
+    if replayed.is_measured:
         text = (
             "EMPS is a real machine: a motor, a ball screw and a carriage, whose position is controlled. The robot "
             "file holds the parameters that its authors published. "
@@ -286,13 +324,13 @@ def _replay_text(replayed: Replayed) -> str:
             "dry friction creeps through each reversal where the model's sticks, which makes most of the residual. "
         )
     how = (
-        f"Each window of {WINDOW:g}{NB}s starts at the state that the rows before it give, and is simulated from "
-        "the logged commands and forces alone; nothing measured inside it counts."
+        f"Each window of {REPLAY_WINDOW:g}{NO_BREAK_SPACE}s starts at the state that the rows before it give, and is"
+        " simulated from the logged commands and forces alone; nothing measured inside it counts."
     )
     return "\n\n".join([text + how, *replayed.notes])
 
 
-def _reproduce(demo: Demo) -> str:
+def _format_commands(demo: DemoResult) -> str:
     arms = [demo.arm, *(one.arm for one in demo.replays if one.arm is not demo.arm)]
     return "\n\n".join(
         [

@@ -16,66 +16,71 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.guarded_controller import Controller, Guard, Safe
 from hdagen.control.reference_motion import Reference, circle
-from hdagen.demo.shipped_logs import Replayed, data_folder, emps, shipped
-from hdagen.simulation.simulator import Push, Simulation, ideal, run
+from hdagen.demo.shipped_logs import ReplayedLog, find_data_folder, replay_emps_log, replay_shipped_log
+from hdagen.simulation.simulator import Push, Simulation, run, simulate_ideal_admittance
 
 ROBOT = "paper"
-LAWS = ("impedance_cartesian", "admittance_cartesian")
-RADIUS, CENTER, TURN, SECONDS = 0.05, (0.2, 0.0), 5.0, 10.0  # m, m, s, s: the circle of the paper, Fig. 11
-PUSHES = (
+DEMO_LAWS = ("impedance_cartesian", "admittance_cartesian")
+CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, CIRCLE_SECONDS = (
+    0.05,
+    (0.2, 0.0),
+    5.0,
+    10.0,
+)  # m, m, s, s: the circle of the paper, Fig. 11
+CIRCLE_PUSHES = (
     Push(3.0, 4.0, (15.0, 0.0)),
     Push(6.0, 7.0, (0.0, 15.0)),
 )  # as in Fig. 11; 15 N is enough to turn a drive at rest
 SAFE_DAMPING = (0.002, 0.002)  # N m s/rad at the motors: after a fault they stop within J/d = 65 ms
-BAR = 0.10  # of the largest ideal displacement
-SMOOTHING = 0.015  # s, of the cubic through the angles that gives the estimate its speed and acceleration
+LARGEST_GAP_SHARE = 0.10  # of the largest ideal displacement
+SMOOTHING_SECONDS = 0.015  # s, of the cubic through the angles that gives the estimate its speed and acceleration
 
 
 @dataclass(frozen=True)
-class Followed:
-    """One law on the circle. ``moved`` and ``ideal`` (T, 2, m): how far the tip is off the circle, and how far
-    M ẍ + B ẋ + K x = F says; ``points`` (T, n + 1, 2, m): base, joints and tip; ``fault``: the sentence of the first
-    refused tick, or nothing."""
+class CircleRun:
+    """One law on the circle. ``tip_displacement`` and ``ideal`` (T, 2, m): how far the tip is off the circle, and how
+    far M ẍ + B ẋ + K x = F says; ``points`` (T, n + 1, 2, m): base, joints and tip; ``fault``: the sentence of the
+    first refused tick, or nothing."""
 
     law: str
     gains: Mapping[str, float]
     reference: Reference
     simulation: Simulation
-    moved: Array
-    ideal: Array
+    tip_displacement: Array
+    ideal_displacement: Array
     points: Array
-    fault: str
+    first_fault: str
 
     @property
     def gap(self) -> Array:
         """How far the tip is from where the ideal puts it, (T,) m."""
-        return np.linalg.norm(self.moved - self.ideal, axis=1)
+        return np.linalg.norm(self.tip_displacement - self.ideal_displacement, axis=1)
 
     @property
     def largest_ideal(self) -> float:
         """m."""
-        return float(np.linalg.norm(self.ideal, axis=1).max())
+        return float(np.linalg.norm(self.ideal_displacement, axis=1).max())
 
     @property
-    def share(self) -> float:
+    def gap_share(self) -> float:
         """The largest gap in parts of the largest ideal displacement."""
         return float(self.gap.max()) / self.largest_ideal
 
     @property
-    def holds(self) -> bool:
+    def meets_bar(self) -> bool:
         """Whether the bar is met, with no tick refused."""
-        return self.share <= BAR and not self.fault
+        return self.gap_share <= LARGEST_GAP_SHARE and not self.first_fault
 
 
 @dataclass(frozen=True)
-class Estimated:
+class TorqueEstimates:
     """Joint torques (T, n, N m): true, and estimated without a torque sensor."""
 
-    true: Array
-    series: Array
-    dynamic: Array
+    true_torque: Array
+    series_estimate: Array
+    dynamic_estimate: Array
 
-    def rms(self, estimate: Array) -> Array:
+    def rms_error(self, estimate: Array) -> Array:
         """Compute the rms error of an estimate.
 
         Args:
@@ -85,10 +90,10 @@ class Estimated:
             The error of each joint, (n,) N m.
 
         """
-        return np.sqrt(np.mean((estimate - self.true) ** 2, axis=0))
+        return np.sqrt(np.mean((estimate - self.true_torque) ** 2, axis=0))
 
 
-def follow(arm: Arm, law: str, gains: Mapping[str, float] | None = None, seed: int = 0) -> Followed:
+def follow_circle(arm: Arm, law: str, gains: Mapping[str, float] | None = None, seed: int = 0) -> CircleRun:
     """Drive the tip around the circle under one law, and push it.
 
     Args:
@@ -105,26 +110,26 @@ def follow(arm: Arm, law: str, gains: Mapping[str, float] | None = None, seed: i
 
     """
     controller = Controller(arm, law, Guard(Safe.DAMPING, safe_damping=SAFE_DAMPING), gains)
-    reference = circle(RADIUS, CENTER, TURN, SECONDS, controller.guard.period)
-    result = run(arm, controller, reference, PUSHES, seed=seed)
+    reference = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, CIRCLE_SECONDS, controller.guard.period)
+    result = run(arm, controller, reference, CIRCLE_PUSHES, seed=seed)
     joint = [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
     points = arm.evaluate("points", q=result.state[:, joint])["points"].reshape(len(result.state), -1, 2)
     refused, fault = result.status[result.status < 0], ""
     if len(refused):
         fault = controller.sentence(int(refused[0]))
-    return Followed(
+    return CircleRun(
         law,
         dict(controller.gains),
         reference,
         result,
         result.tip - reference.position,
-        ideal(arm, controller, result.push, reference.period),
+        simulate_ideal_admittance(arm, controller, result.push, reference.period),
         points,
         fault,
     )
 
 
-def estimate(arm: Arm, followed: Followed) -> Estimated:
+def estimate_torques(arm: Arm, followed: CircleRun) -> TorqueEstimates:
     """Estimate the joint torques from a log: the encoders' angles and the measured currents, nothing of the truth.
 
     A cubic fitted around each row smooths the angles and gives speed and acceleration; it looks as far ahead as back,
@@ -141,7 +146,7 @@ def estimate(arm: Arm, followed: Followed) -> Estimated:
     from scipy.signal import savgol_filter
 
     log, period = followed.simulation.log, followed.reference.period
-    rows = 2 * int(SMOOTHING / period / 2) + 1
+    rows = 2 * int(SMOOTHING_SECONDS / period / 2) + 1
 
     def fitted(name: str, derivative: int = 0) -> Array:
         columns = np.stack([log[f"{name}_{j}"] for j in range(1, arm.n + 1)], axis=1)
@@ -156,27 +161,27 @@ def estimate(arm: Arm, followed: Followed) -> Estimated:
         motor_acceleration=fitted("motor_position", 2),
         motor_torque=constant * fitted("motor_current"),
     )
-    return Estimated(followed.simulation.joint_torque, found["series"], found["dynamic"])
+    return TorqueEstimates(followed.simulation.joint_torque, found["series"], found["dynamic"])
 
 
 @dataclass(frozen=True)
-class Demo:
+class DemoResult:
     """Everything on the page. ``estimated`` is under the first law; ``uncompensated``: that law with friction not
     observed, which shows what the bar asks and does not count."""
 
     arm: Arm
-    followed: tuple[Followed, ...]
-    uncompensated: Followed
-    estimated: Estimated
-    replays: tuple[Replayed, ...]
+    circle_runs: tuple[CircleRun, ...]
+    uncompensated_run: CircleRun
+    torque_estimates: TorqueEstimates
+    replays: tuple[ReplayedLog, ...]
 
     @property
-    def holds(self) -> bool:
+    def meets_bar(self) -> bool:
         """Whether the tip stayed within the bar under every law."""
-        return all(followed.holds for followed in self.followed)
+        return all(followed.meets_bar for followed in self.circle_runs)
 
 
-def show(profile: str = "portable", seed: int = 0, stage: Callable[[str], None] | None = None) -> Demo:
+def run_demo(profile: str = "portable", seed: int = 0, stage: Callable[[str], None] | None = None) -> DemoResult:
     """Build the arms, simulate, estimate and replay.
 
     Args:
@@ -196,24 +201,24 @@ def show(profile: str = "portable", seed: int = 0, stage: Callable[[str], None] 
     say("building the arm")
     arm = load(ROBOT, profile)
     followed = []
-    for law in LAWS:
+    for law in DEMO_LAWS:
         say(f"simulating {law.partition('_')[0]} control")
-        followed.append(follow(arm, law, seed=seed))
+        followed.append(follow_circle(arm, law, seed=seed))
     say("simulating without friction compensation")
-    uncompensated = follow(arm, LAWS[0], {"observer_bandwidth": 0.0}, seed)
+    uncompensated = follow_circle(arm, DEMO_LAWS[0], {"observer_bandwidth": 0.0}, seed)
     say("estimating the joint torque")
-    estimated = estimate(arm, followed[0])
+    estimated = estimate_torques(arm, followed[0])
     say("replaying the log that ships")
-    replays = [shipped(arm)]
-    if folder := data_folder():
+    replays = [replay_shipped_log(arm)]
+    if folder := find_data_folder():
         say("building EMPS")
         axis = load("emps", profile)
         say("replaying EMPS")
-        replays.append(emps(axis, folder))
-    return Demo(arm, tuple(followed), uncompensated, estimated, tuple(replays))
+        replays.append(replay_emps_log(axis, folder))
+    return DemoResult(arm, tuple(followed), uncompensated, estimated, tuple(replays))
 
 
-def numbers(demo: Demo) -> dict[str, Any]:
+def summarize_demo(demo: DemoResult) -> dict[str, Any]:
     """Sum the demo up in figures.
 
     Args:
@@ -227,31 +232,36 @@ def numbers(demo: Demo) -> dict[str, Any]:
         one.law: {
             "largest_ideal_displacement": one.largest_ideal,
             "largest_gap": float(one.gap.max()),
-            "largest_gap_share": one.share,
+            "largest_gap_share": one.gap_share,
             "rms_gap": float(np.sqrt(np.mean(one.gap**2))),
             "largest_gap_time": float(one.reference.time[one.gap.argmax()]),
             "ticks": len(one.simulation.status),
             "ticks_limited": int((one.simulation.status > 0).sum()),
             "ticks_refused": int((one.simulation.status < 0).sum()),
-            "first_refusal": one.fault or None,
+            "first_refusal": one.first_fault or None,
         }
-        for one in demo.followed
+        for one in demo.circle_runs
     }
     replays = {}
     for one in demo.replays:
         replays[one.name] = [
-            {"joint": j, "unit": channel.unit, "rms_residual": channel.rms, "rms_motion_in_window": channel.still}
-            for j, channel in enumerate(one.channels, 1)
+            {
+                "joint": j,
+                "unit": channel.unit,
+                "rms_residual": channel.rms_residual,
+                "rms_motion_in_window": channel.motion_rms,
+            }
+            for j, channel in enumerate(one.joints, 1)
         ]
-    estimated = demo.estimated
+    estimated = demo.torque_estimates
     return {
-        "bar": BAR,
-        "holds": demo.holds,
+        "bar": LARGEST_GAP_SHARE,
+        "holds": demo.meets_bar,
         "followed": followed,
-        "largest_gap_share_without_friction_compensation": demo.uncompensated.share,
+        "largest_gap_share_without_friction_compensation": demo.uncompensated_run.gap_share,
         "torque_estimate_rms_error": {
-            "series": estimated.rms(estimated.series).tolist(),
-            "dynamic": estimated.rms(estimated.dynamic).tolist(),
+            "series": estimated.rms_error(estimated.series_estimate).tolist(),
+            "dynamic": estimated.rms_error(estimated.dynamic_estimate).tolist(),
         },
         "replays": replays,
     }

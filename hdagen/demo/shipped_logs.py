@@ -12,21 +12,21 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.log.measured_log import Log, read
-from hdagen.prediction.window_replay import WINDOW, replay
+from hdagen.prediction.window_replay import REPLAY_WINDOW, replay
 
-EMPS = Path("real") / "emps" / "DATA_EMPS.mat"  # in the folder of data
+EMPS_FILE = Path("real") / "emps" / "DATA_EMPS.mat"  # in the folder of data
 
 
 @dataclass(frozen=True)
-class Channel:
-    """A joint's logged position and its replay, (T,) each in ``unit``; ``still``: rms of the motion since the window's
-    start, which is the residual of a model that stands still."""
+class ReplayedJoint:
+    """A joint's logged position and its replay, (T,) each in ``unit``; ``motion_rms``: rms of the motion since the
+    window's start, which is the residual of a model that stands still."""
 
     name: str
     unit: str
     measured: Array
     predicted: Array
-    still: float
+    motion_rms: float
 
     @property
     def residual(self) -> Array:
@@ -34,24 +34,24 @@ class Channel:
         return self.predicted - self.measured
 
     @property
-    def rms(self) -> float:
+    def rms_residual(self) -> float:
         """rms of the residual."""
         return float(np.sqrt(np.mean(self.residual**2)))
 
 
 @dataclass(frozen=True)
-class Replayed:
+class ReplayedLog:
     """A log replayed in windows of 0.25 s. ``real``: measured on a machine, not simulated."""
 
     name: str
-    real: bool
+    is_measured: bool
     arm: Arm
     log: Log
-    channels: tuple[Channel, ...]
+    joints: tuple[ReplayedJoint, ...]
     notes: tuple[str, ...]
 
 
-def shipped(arm: Arm) -> Replayed:
+def replay_shipped_log(arm: Arm) -> ReplayedLog:
     """Replay the log that ships with the package, which MuJoCo simulated.
 
     Args:
@@ -63,10 +63,10 @@ def shipped(arm: Arm) -> Replayed:
     """
     with resources.as_file(resources.files("hdagen.data") / "mujoco_log.parquet") as path:
         log = read(path, joints=arm.n)
-    return _replayed("MuJoCo", False, arm, log)
+    return _replay_log("MuJoCo", False, arm, log)
 
 
-def data_folder() -> Path | None:
+def find_data_folder() -> Path | None:
     """Find the folder of data with EMPS in it: $HDAGEN_DATA, else ../shared/data as seen from the current directory or
     from the repository.
 
@@ -77,14 +77,14 @@ def data_folder() -> Path | None:
     places = [base.parent / "shared" / "data" for base in (Path.cwd(), Path(__file__).resolve().parents[2])]
     if given := os.environ.get("HDAGEN_DATA"):
         places = [Path(given)]
-    return next((place for place in places if (place / EMPS).is_file()), None)
+    return next((place for place in places if (place / EMPS_FILE).is_file()), None)
 
 
-def emps(arm: Arm, folder: Path) -> Replayed:
+def replay_emps_log(arm: Arm, folder: Path) -> ReplayedLog:
     """Replay the identification log of EMPS.
 
     Args:
-        arm: The arm of preset `emps`.
+        arm: The arm of preset `replay_emps_log`.
         folder: The folder of data.
 
     Returns:
@@ -95,12 +95,12 @@ def emps(arm: Arm, folder: Path) -> Replayed:
 
     """
     with resources.as_file(resources.files("hdagen.data") / "emps_columns.toml") as columns:
-        log = read(folder / EMPS, columns, joints=arm.n)
-    return _replayed("EMPS", True, arm, log)
+        log = read(folder / EMPS_FILE, columns, joints=arm.n)
+    return _replay_log("EMPS", True, arm, log)
 
 
-def _replayed(name: str, real: bool, arm: Arm, log: Log) -> Replayed:
-    found = replay(arm, log, WINDOW)
+def _replay_log(name: str, real: bool, arm: Arm, log: Log) -> ReplayedLog:
+    found = replay(arm, log, REPLAY_WINDOW)
     window = np.searchsorted(found.starts, np.arange(len(log)), side="right") - 1
     channels = []
     for j, joint in enumerate(arm.robot["joints"], 1):
@@ -108,5 +108,5 @@ def _replayed(name: str, real: bool, arm: Arm, log: Log) -> Replayed:
         moved = measured - measured[found.starts[window]]
         unit = {"prismatic": "m", "revolute": "rad"}[joint["kind"]]
         predicted = found.columns[f"joint_position_{j}"]
-        channels.append(Channel(f"joint {j}", unit, measured, predicted, float(np.sqrt(np.mean(moved**2)))))
-    return Replayed(name, real, arm, log, tuple(channels), found.notes)
+        channels.append(ReplayedJoint(f"joint {j}", unit, measured, predicted, float(np.sqrt(np.mean(moved**2)))))
+    return ReplayedLog(name, real, arm, log, tuple(channels), found.notes)

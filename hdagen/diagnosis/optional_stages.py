@@ -9,7 +9,7 @@ from typing import TypeVar
 from numpy.linalg import LinAlgError
 
 from hdagen.arm.build_loader import PlantError
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.log.data_table import LogError
 
 Made = TypeVar("Made")
@@ -39,7 +39,7 @@ class Attempts:
             self.failures.append(f"Left out, as it failed: {stage}. {error}")
             return otherwise
 
-    def count(self, shootings: Iterable[Shooting]) -> None:
+    def report_failed_simulations(self, shootings: Iterable[MultipleShooting]) -> None:
         """Note how many simulations of a fit failed, if any did.
 
         Args:
@@ -47,7 +47,7 @@ class Attempts:
 
         """
         every = list(shootings)
-        run, failed = sum(one.run for one in every), sum(one.failed for one in every)
+        run, failed = sum(one.rollout_count for one in every), sum(one.failure_count for one in every)
         if failed:
             self.failures.append(
                 f"In {failed} of {run} simulations of the fit the model flew apart or gave no number: such a motion "

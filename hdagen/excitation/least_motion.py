@@ -8,19 +8,28 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import torque_per_input
+from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.control.reference_motion import Reference
 from hdagen.diagnosis.data.split import Mask
-from hdagen.excitation.motion_limits import Limits, limits_of, units
-from hdagen.excitation.motion_shapes import Motion
-from hdagen.excitation.safe_motion import MARGIN, drawn, follow, seen, shares
+from hdagen.excitation.motion_limits import MotionLimits, find_limit_units, narrow_limits
+from hdagen.excitation.motion_shapes import MotionShape
+from hdagen.excitation.safe_motion import (
+    LIMIT_MARGIN,
+    compute_limit_shares,
+    count_encoder_steps,
+    follow_reference,
+    scale_motion,
+)
 from hdagen.simulation.simulator import Simulation
 
-SEEN = 3  # steps of its finer encoder by which a joint has to move: fewer are as good as rest
-GENTLE, DOUBLED = 3, 12  # motions that are run, and how often they are doubled, to find the least visible one
+LEAST_ENCODER_STEPS = 3  # steps of its finer encoder by which a joint has to move: fewer are as good as rest
+GENTLE_MOTIONS, MOST_DOUBLINGS = (
+    3,
+    12,
+)  # motions that are run, and how often they are doubled, to find the least visible one
 
 
-def moved(arm: Arm, run: Simulation) -> Array:
+def count_run_steps(arm: Arm, run: Simulation) -> Array:
     """Count by how many steps of its finer encoder each joint moves in a run.
 
     Args:
@@ -31,10 +40,12 @@ def moved(arm: Arm, run: Simulation) -> Array:
         Steps of each joint, (n,).
 
     """
-    return seen(arm, run.state[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]])
+    return count_encoder_steps(arm, run.state[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]])
 
 
-def resting(arm: Arm, limits: Limits, shapes: Sequence[Motion], center: Array, period: float) -> Mask:
+def find_resting_joints(
+    arm: Arm, limits: MotionLimits, shapes: Sequence[MotionShape], center: Array, period: float
+) -> Mask:
     """Find the joints that no motion within the limits moves visibly, without a run.
 
     Range, speed, torque and inertia draw each motion of such a joint too small, or dry friction holds its motor against
@@ -51,36 +62,40 @@ def resting(arm: Arm, limits: Limits, shapes: Sequence[Motion], center: Array, p
         Whether each joint rests, (n,).
 
     """
-    largest = np.max([seen(arm, drawn(arm, limits, m, center, period, 1.0).position) for m in shapes], axis=0)
+    largest = np.max(
+        [count_encoder_steps(arm, scale_motion(arm, limits, m, center, period, 1.0).position) for m in shapes], axis=0
+    )
     dry = np.array([arm.parameters[f"coulomb_friction_{j}"] for j in range(1, arm.n + 1)])
     ratio = np.array([arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1)])
     pull = np.abs(arm.evaluate("gravity_torque", q=center)["g"].ravel() / ratio)
-    held = MARGIN * torque_per_input(arm) * limits.current + pull < dry
-    return np.asarray((largest < SEEN) | held)
+    held = LIMIT_MARGIN * compute_torque_per_input(arm) * limits.current + pull < dry
+    return np.asarray((largest < LEAST_ENCODER_STEPS) | held)
 
 
-def least(
-    arm: Arm, limits: Limits, shapes: Sequence[Motion], center: Array, period: float, joints: Sequence[int]
+def find_least_shares(
+    arm: Arm, limits: MotionLimits, shapes: Sequence[MotionShape], center: Array, period: float, joints: Sequence[int]
 ) -> dict[str, float]:
     """Shares of the limits, by name, that it takes to move one of ``joints`` (from 0) visibly: the gentlest motions are
     run within the robot file's limits alone, each ever twice as large, as dry friction holds small ones."""
-    file, found = limits_of(arm), []
-    for motion in sorted(shapes, key=lambda m: np.abs(np.diff(m.shape, axis=0)).max() / np.ptp(m.shape))[:GENTLE]:
-        wave = SEEN * motion.shape / max(seen(arm, motion.shape)[joints])
-        for k in range(DOUBLED):
+    file, found = narrow_limits(arm), []
+    for motion in sorted(shapes, key=lambda m: np.abs(np.diff(m.shape, axis=0)).max() / np.ptp(m.shape))[
+        :GENTLE_MOTIONS
+    ]:
+        wave = LEAST_ENCODER_STEPS * motion.shape / max(count_encoder_steps(arm, motion.shape)[joints])
+        for k in range(MOST_DOUBLINGS):
             v = np.gradient(2**k * wave, period, axis=0)
             reference = Reference("joint", period, center + 2**k * wave, v, np.gradient(v, period, axis=0))
-            run, _ = follow(arm, arm, reference, file)
-            if run is not None and max(moved(arm, run)[joints]) >= SEEN:
-                found.append(shares(arm, limits, run, run.torque / torque_per_input(arm)))
+            run, _ = follow_reference(arm, arm, reference, file)
+            if run is not None and max(count_run_steps(arm, run)[joints]) >= LEAST_ENCODER_STEPS:
+                found.append(compute_limit_shares(arm, limits, run, run.torque / compute_torque_per_input(arm)))
                 break
     return min(found, key=lambda one: max(one.values()), default={})
 
 
 def explain_narrow_limits(
     arm: Arm,
-    limits: Limits,
-    shapes: Sequence[Motion],
+    limits: MotionLimits,
+    shapes: Sequence[MotionShape],
     center: Array,
     period: float,
     joints: Sequence[int],
@@ -102,26 +117,26 @@ def explain_narrow_limits(
 
     """
     takes = []
-    for name, share in least(arm, limits, shapes, center, period, joints).items():
-        if MARGIN < share < np.inf:
-            noun, span, unit = _span(arm, limits, name)
-            takes.append(f"{noun} of at least {span * share / MARGIN:.2g} {unit} ({span:.2g} is given)")
+    for name, share in find_least_shares(arm, limits, shapes, center, period, joints).items():
+        if LIMIT_MARGIN < share < np.inf:
+            noun, span, unit = _describe_limit(arm, limits, name)
+            takes.append(f"{noun} of at least {span * share / LIMIT_MARGIN:.2g} {unit} ({span:.2g} is given)")
     if not takes:
         return f"the limits admit no motion ({'; '.join(whys)}); widen them, or move elsewhere."
     return (
-        f"the limits admit no motion: one that moves joint {' or '.join(str(j + 1) for j in joints)} by {SEEN} steps "
-        f"of its encoder takes {' and '.join(takes)}; widen the limits."
+        f"the limits admit no motion: one that moves joint {' or '.join(str(j + 1) for j in joints)} by"
+        f" {LEAST_ENCODER_STEPS} steps of its encoder takes {' and '.join(takes)}; widen the limits."
     )
 
 
-def _span(arm: Arm, limits: Limits, name: str) -> tuple[str, float, str]:
+def _describe_limit(arm: Arm, limits: MotionLimits, name: str) -> tuple[str, float, str]:
     """A limit in words, its size and its unit."""
     kind, _, number = name.rpartition("_")
     if kind == "tip":
         low, high = limits.tip["xy".index(number)]
         return f"a range of {name}", high - low, "m"
     j = int(number) - 1
-    unit = units(arm, j)[kind]
+    unit = find_limit_units(arm, j)[kind]
     if kind == "position":
         low, high = limits.position[j]
         return f"a range of {name}", high - low, unit

@@ -11,15 +11,15 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import full_torque, torque_per_input
+from hdagen.arm.ratings import compute_rated_torque, compute_torque_per_input
 
-HELD = 0.6  # of torque and current that gravity may take in the middle posture
-ASSUMED = {"revolute": (0.5, 1.0), "prismatic": (0.05, 0.2)}  # to each side of the start, rad (m); rad/s (m/s)
-START = 0.6  # rad: where a joint without a range starts; of a prismatic one 0
+GRAVITY_SHARE = 0.6  # of torque and current that gravity may take in the middle posture
+ASSUMED_LIMITS = {"revolute": (0.5, 1.0), "prismatic": (0.05, 0.2)}  # to each side of the start, rad (m); rad/s (m/s)
+START_ANGLE = 0.6  # rad: where a joint without a range starts; of a prismatic one 0
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class MotionLimits:
     """Limits of a motion: position (n, 2) rad or m; speed (n); torque (n) at the joint, N m; current (n) in the motors'
     unit of input; tip (2, 2) m, of x and y in the base frame. ``notes``: the assumed ones, in sentences."""
 
@@ -31,7 +31,7 @@ class Limits:
     notes: tuple[str, ...] = ()
 
 
-def limits_of(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None) -> Limits:
+def narrow_limits(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None) -> MotionLimits:
     """Take the robot file's limits and narrow them.
 
     Args:
@@ -46,7 +46,7 @@ def limits_of(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None) ->
         PlantError: A limit does not exist, or is wider than the robot file's; the message has every problem.
 
     """
-    stated, assumed = _stated(arm)
+    stated, assumed = _read_stated_limits(arm)
     position, tip = stated.position.copy(), stated.tip.copy()
     most = {"speed": stated.speed.copy(), "torque": stated.torque.copy(), "current": stated.current.copy()}
     problems: list[str] = []
@@ -76,14 +76,14 @@ def limits_of(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None) ->
             if number:
                 chosen = [int(number) - 1]
             for j in chosen:
-                problems += _narrow(arm, j, name, kind, values, position, most)
+                problems += _narrow_joint_limit(arm, j, name, kind, values, position, most)
                 assumed.pop((kind, j), None)
     if problems:
         raise PlantError("\n".join(problems))
-    return Limits(position, most["speed"], most["torque"], most["current"], tip, tuple(assumed.values()))
+    return MotionLimits(position, most["speed"], most["torque"], most["current"], tip, tuple(assumed.values()))
 
 
-def _narrow(
+def _narrow_joint_limit(
     arm: Arm, j: int, name: str, kind: str, values: tuple[float, ...], position: Array, most: Mapping[str, Array]
 ) -> list[str]:
     """Set one limit of joint ``j`` (from 0), or say why it cannot be set."""
@@ -102,7 +102,7 @@ def _narrow(
     return []
 
 
-def units(arm: Arm, j: int) -> dict[str, str]:
+def find_limit_units(arm: Arm, j: int) -> dict[str, str]:
     """Name the units of a joint's limits.
 
     Args:
@@ -122,15 +122,15 @@ def units(arm: Arm, j: int) -> dict[str, str]:
     }
 
 
-def _stated(arm: Arm) -> tuple[Limits, dict[tuple[str, int], str]]:
+def _read_stated_limits(arm: Arm) -> tuple[MotionLimits, dict[tuple[str, int], str]]:
     """The robot file's limits, and a sentence on each assumed one by (kind, joint from 0)."""
-    n, assumed, full = arm.n, {}, full_torque(arm)
+    n, assumed, full = arm.n, {}, compute_rated_torque(arm)
     position = np.empty((n, 2))
     most = {kind: np.empty(n) for kind in ("speed", "torque", "current")}
     for j, joint in enumerate(arm.robot["joints"]):
-        own, drive, slot, unit = joint["limits"], joint["drive"], arm.manifest["input"][j], units(arm, j)
-        start = {"revolute": START, "prismatic": 0.0}[joint["kind"]]
-        reach, fast = ASSUMED[joint["kind"]]
+        own, drive, slot, unit = joint["limits"], joint["drive"], arm.manifest["input"][j], find_limit_units(arm, j)
+        start = {"revolute": START_ANGLE, "prismatic": 0.0}[joint["kind"]]
+        reach, fast = ASSUMED_LIMITS[joint["kind"]]
         position[j] = own["position"] or (start - reach, start + reach)
         if not own["position"]:
             low, high = position[j]
@@ -146,10 +146,12 @@ def _stated(arm: Arm) -> tuple[Limits, dict[tuple[str, int], str]]:
                 assumed[kind, j] = (
                     f"{kind} of joint {j + 1}: no limit is stated; {without:.3g} {unit[kind]} is assumed."
                 )
-    return Limits(position, most["speed"], most["torque"], most["current"], np.array([[-np.inf, np.inf]] * 2)), assumed
+    return MotionLimits(
+        position, most["speed"], most["torque"], most["current"], np.array([[-np.inf, np.inf]] * 2)
+    ), assumed
 
 
-def middle(arm: Arm, limits: Limits) -> Array:
+def choose_middle_posture(arm: Arm, limits: MotionLimits) -> Array:
     """Choose the posture about which to move: nearest to the middle of the ranges among those that the motors hold
     against gravity, with the tip well within its workspace.
 
@@ -169,14 +171,17 @@ def middle(arm: Arm, limits: Limits) -> Array:
     tried = np.vstack([np.zeros(arm.n), random.uniform(-0.7, 0.7, (400, arm.n))]) * half + center
     held = np.abs(arm.evaluate("gravity_torque", q=tried)["g"])
     ratio = np.array([abs(arm.parameters[f"ratio_{j}"]) for j in range(1, arm.n + 1)])
-    load = np.maximum(held / limits.torque, held / (ratio * torque_per_input(arm) * limits.current)).max(1) / HELD
+    load = (
+        np.maximum(held / limits.torque, held / (ratio * compute_torque_per_input(arm) * limits.current)).max(1)
+        / GRAVITY_SHARE
+    )
     tip = arm.evaluate("points", q=tried)["points"][:, -2:]
     inside = np.minimum(tip - limits.tip[:, 0], limits.tip[:, 1] - tip).min(1)
     able = np.flatnonzero((load < 1) & (inside > 0))
     if not len(able):
         why = f"in none of {len(tried)} postures within the joints' ranges is the tip inside tip_x and tip_y"
         if (inside > 0).any():
-            lightest = 100 * HELD * load[inside > 0].min()
+            lightest = 100 * GRAVITY_SHARE * load[inside > 0].min()
             why = f"gravity alone takes {lightest:.0f} % of torque or current in the lightest posture"
         raise PlantError(f"the limits admit no motion: {why}; widen them.")
     away = np.linalg.norm((tried - center) / half, axis=1)

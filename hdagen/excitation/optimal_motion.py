@@ -21,56 +21,61 @@ from hdagen.arm.arrays import Array, is_number
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.reference_motion import Reference
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.data.windows import record
-from hdagen.diagnosis.inference.candidate_priors import SILENT, Column, Dictionary
-from hdagen.diagnosis.inference.linear_gaussian import Linear
-from hdagen.diagnosis.inference.marginal_likelihood import posteriors, score
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
-from hdagen.diagnosis.inference.sensitivities import Design, Point, design
-from hdagen.diagnosis.initialization.candidate_list import dictionary
-from hdagen.diagnosis.initialization.initial_guess import Suggested, suggested
-from hdagen.excitation.least_motion import SEEN, explain_narrow_limits, moved, resting
-from hdagen.excitation.motion_limits import Limits, limits_of, middle
-from hdagen.excitation.motion_shapes import motions
-from hdagen.excitation.safe_motion import Kept, keep, with_size
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.data.windows import cut_windows
+from hdagen.diagnosis.inference.candidate_priors import SILENT_SPIKE_WIDTH, CandidateSet, Column
+from hdagen.diagnosis.inference.linear_gaussian import LinearModel
+from hdagen.diagnosis.inference.marginal_likelihood import compute_posteriors, score_candidate_sets
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, compute_sensitivities
+from hdagen.diagnosis.initialization.candidate_list import build_candidates
+from hdagen.diagnosis.initialization.initial_guess import InitialGuess, guess_from_log
+from hdagen.excitation.least_motion import (
+    LEAST_ENCODER_STEPS,
+    count_run_steps,
+    explain_narrow_limits,
+    find_resting_joints,
+)
+from hdagen.excitation.motion_limits import MotionLimits, choose_middle_posture, narrow_limits
+from hdagen.excitation.motion_shapes import list_motions
+from hdagen.excitation.safe_motion import SafeRun, shrink_to_limits, with_parameters
 from hdagen.log.measured_log import Log
-from hdagen.support.messages import meant
-from hdagen.support.parallel import together
+from hdagen.support.messages import suggest_name
+from hdagen.support.parallel import map_in_threads
 
-ENOUGH = 7.0  # nats, from where the other holds less than a tenth of a diagnosis' probability
-TRUST = 3.0  # factor within which a prediction holds
-WINDOW, FEWEST = 0.05, 25  # s and rows of a window of the diagnosis
-DURATION = (2.0, 120.0)  # s
-PERIOD = (1e-4, 0.01)  # s
-MOST_ROWS = 40_000  # of a motion, which bounds the memory of the linear model
-DRAWS = 2  # of base parameters and spikes, for each true effect of a pair
+LEAST_SEPARATION = 7.0  # nats, from where the other holds less than a tenth of a diagnosis' probability
+PREDICTION_FACTOR = 3.0  # factor within which a prediction holds
+WINDOW_SECONDS, FEWEST_WINDOW_ROWS = 0.05, 25  # s and rows of a window of the diagnosis
+DURATION_RANGE = (2.0, 120.0)  # s
+PERIOD_RANGE = (1e-4, 0.01)  # s
+MOST_MOTION_ROWS = 40_000  # of a motion, which bounds the memory of the linear model
+DRAWS_PER_EFFECT = 2  # of base parameters and spikes, for each true effect of a pair
 
-Pair = tuple[str, str]
+EffectPair = tuple[str, str]
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class TriedMotion:
     """A motion with what it separates: nats by pair (the smaller of A true and of B true); ``kept`` None where the
-    limits drop it, with ``why``."""
+    limits drop it, with ``drop_reason``."""
 
     name: str
-    kept: Kept | None
-    nats: Mapping[Pair, float] = field(default_factory=dict)
-    why: str = ""
+    safe_run: SafeRun | None
+    separations: Mapping[EffectPair, float] = field(default_factory=dict)
+    drop_reason: str = ""
 
     @property
-    def worst(self) -> float:
+    def smallest_separation(self) -> float:
         """Nats of the pair that is separated least; −inf of a motion that is dropped."""
-        return min(self.nats.values(), default=-np.inf)
+        return min(self.separations.values(), default=-np.inf)
 
     @property
     def merit(self) -> float:
         """The figure that is maximised: a soft minimum over the pairs, so that a pair that nothing separates does not
         rule alone; negative nats count as 0."""
-        if not self.nats:
+        if not self.separations:
             return -np.inf
-        x = np.maximum(list(self.nats.values()), 0.0) / (ENOUGH * TRUST)
+        x = np.maximum(list(self.separations.values()), 0.0) / (LEAST_SEPARATION * PREDICTION_FACTOR)
         return float(np.log(len(x)) - logsumexp(-x))
 
 
@@ -79,26 +84,26 @@ class Excitation:
     """All motions that were tried, the best first; ``effects`` to separate as name@joint; ``limits`` that are kept."""
 
     effects: tuple[str, ...]
-    tried: tuple[Tried, ...]
-    limits: Limits
+    tried_motions: tuple[TriedMotion, ...]
+    limits: MotionLimits
 
     @property
-    def best(self) -> Tried:
+    def best_motion(self) -> TriedMotion:
         """The motion to make."""
-        return self.tried[0]
+        return self.tried_motions[0]
 
     @property
     def reference(self) -> Reference:
         """Of the best motion: positions of the joints (T, n), their rates, and the period."""
-        assert self.best.kept is not None
-        return self.best.kept.reference
+        assert self.best_motion.safe_run is not None
+        return self.best_motion.safe_run.reference
 
     @property
-    def separates(self) -> bool:
+    def is_separating(self) -> bool:
         """Whether each pair is expected to be told apart even where the prediction is off by its factor."""
-        return self.best.worst >= ENOUGH * TRUST
+        return self.best_motion.smallest_separation >= LEAST_SEPARATION * PREDICTION_FACTOR
 
-    def columns(self) -> dict[str, Array]:
+    def log_columns(self) -> dict[str, Array]:
         """List the columns of the reference.
 
         Returns:
@@ -128,7 +133,7 @@ def excite(
         joint: Number of the joint, from 1.
         duration: Length of the motion, s.
         period: Time from row to row, s.
-        limits: Narrower limits, as `motion_limits.limits_of` takes them.
+        limits: Narrower limits, as `motion_limits.narrow_limits` takes them.
         say: Hears the name of each motion as it is tried.
 
     Returns:
@@ -138,48 +143,55 @@ def excite(
         PlantError: An effect or a limit does not exist, or no visible motion keeps the limits.
 
     """
-    effects = _effects(arm, separate, joint, duration, period)
-    bounds = limits_of(arm, limits)
-    center = middle(arm, bounds)
+    effects = _choose_effects(arm, separate, joint, duration, period)
+    bounds = narrow_limits(arm, limits)
+    center = choose_middle_posture(arm, bounds)
     others: list[Arm] = []
     if separate:
-        others = [with_size(arm, _typical(arm, name)) for name in effects]
+        others = [with_parameters(arm, _typical_parameters(arm, name)) for name in effects]
     places = [int(name.rpartition("@")[2]) for name in effects]
     joints = sorted({place - 1 for place in places if place}) or list(range(arm.n))
-    shapes = motions(arm, places[0], duration, period)
-    if resting(arm, bounds, shapes, center, period)[joints].all():
+    shapes = list_motions(arm, places[0], duration, period)
+    if find_resting_joints(arm, bounds, shapes, center, period)[joints].all():
         raise PlantError(explain_narrow_limits(arm, bounds, shapes, center, period, joints))
     tried = []
     for motion in shapes:
         say(motion.name)
-        kept = keep(arm, others, bounds, motion, center, period)
-        if isinstance(kept, Kept) and max(most := moved(arm, kept.simulation)[joints]) < SEEN:
-            kept = f"moves joint {joints[int(np.argmax(most))] + 1} by less than {SEEN} steps of its encoder"
-        if isinstance(kept, Kept):
-            tried.append(Tried(motion.name, kept, separation(arm, effects, kept)))
+        kept = shrink_to_limits(arm, others, bounds, motion, center, period)
+        if (
+            isinstance(kept, SafeRun)
+            and max(most := count_run_steps(arm, kept.simulation)[joints]) < LEAST_ENCODER_STEPS
+        ):
+            kept = (
+                f"moves joint {joints[int(np.argmax(most))] + 1} by less than {LEAST_ENCODER_STEPS} steps of its"
+                " encoder"
+            )
+        if isinstance(kept, SafeRun):
+            tried.append(TriedMotion(motion.name, kept, predict_separations(arm, effects, kept)))
         else:
-            tried.append(Tried(motion.name, None, {}, kept))
-    tried.sort(key=lambda t: (-t.merit, -t.worst))
-    if tried[0].kept is None:
-        whys = [f"{t.name}: {t.why}" for t in tried[:3]]
+            tried.append(TriedMotion(motion.name, None, {}, kept))
+    tried.sort(key=lambda t: (-t.merit, -t.smallest_separation))
+    if tried[0].safe_run is None:
+        whys = [f"{t.name}: {t.drop_reason}" for t in tried[:3]]
         raise PlantError(explain_narrow_limits(arm, bounds, shapes, center, period, joints, whys))
     return Excitation(effects, tuple(tried), bounds)
 
 
-def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, period: float) -> tuple[str, ...]:
+def _choose_effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, period: float) -> tuple[str, ...]:
     """The effects to separate as name@joint. Raises PlantError with every problem."""
     problems = []
-    for name, value, (low, high) in (("duration", duration, DURATION), ("period", period, PERIOD)):
+    for name, value, (low, high) in (("duration", duration, DURATION_RANGE), ("period", period, PERIOD_RANGE)):
         if not is_number(value) or not low <= value <= high:
             problems.append(f"the {name} is {value:g} s; possible is {low:g} to {high:g} s.")
-    if not problems and duration / period > MOST_ROWS:
+    if not problems and duration / period > MOST_MOTION_ROWS:
         problems.append(
-            f"the motion has {duration / period:.0f} rows; possible are {MOST_ROWS}: make it shorter, or coarser."
+            f"the motion has {duration / period:.0f} rows; possible are {MOST_MOTION_ROWS}: make it shorter, or"
+            " coarser."
         )
     if not 1 <= joint <= arm.n:
         problems.append(f"--joint {joint}: the robot has joints 1 to {arm.n}.")
         raise PlantError("\n".join(problems))
-    there = [atom.name for atom in dictionary(arm, Suggested({}, {}, {})).atoms]
+    there = [atom.name for atom in build_candidates(arm, InitialGuess({}, {}, {})).members]
     here = sorted({name for name in there if name.endswith((f"@{joint}", "@0"))})
     found = []
     for name in separate:
@@ -189,7 +201,7 @@ def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, per
         known = [option for option in options if option in there]
         if not known:
             problems.append(
-                f"--separate {name}: joint {joint} has no such effect{meant(options[0], there)}; there are "
+                f"--separate {name}: joint {joint} has no such effect{suggest_name(options[0], there)}; there are "
                 f"{', '.join(here)}, and name@joint means that of another joint."
             )
         found += known[:1]
@@ -204,15 +216,15 @@ def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, per
     return tuple(here)
 
 
-def _typical(arm: Arm, name: str) -> dict[str, float]:
+def _typical_parameters(arm: Arm, name: str) -> dict[str, float]:
     """The parameters of an effect at its typical size: of several amplitudes the first."""
-    words = dictionary(arm, Suggested({}, {}, {}))
-    k = next(k for k, atom in enumerate(words.atoms) if atom.name == name)
-    column = next(c for c in words.columns if c.atom == k)
-    return {column.parameter: column.center + _whole(arm, column) * column.unit}
+    words = build_candidates(arm, InitialGuess({}, {}, {}))
+    k = next(k for k, atom in enumerate(words.members) if atom.name == name)
+    column = next(c for c in words.columns if c.candidate == k)
+    return {column.parameter: column.center + _typical_size(arm, column) * column.unit}
 
 
-def _whole(arm: Arm, column: Column) -> float:
+def _typical_size(arm: Arm, column: Column) -> float:
     """The size at which an effect is looked at: the usual one, of the sign and as large as its bounds let it."""
     q = arm.parameters.described[column.parameter]
     up, down = (q.high - column.center) / column.unit, (column.center - q.low) / column.unit
@@ -224,7 +236,7 @@ def _whole(arm: Arm, column: Column) -> float:
 # -- prediction -------------------------------------------------------------------------------------------------------
 
 
-def modelled(arm: Arm, log: Log, effects: Sequence[str], states: Array | None = None) -> Design:
+def build_linear_model(arm: Arm, log: Log, effects: Sequence[str], states: Array | None = None) -> Sensitivities:
     """Build the linear model of a log about the nominal arm.
 
     Args:
@@ -238,25 +250,25 @@ def modelled(arm: Arm, log: Log, effects: Sequence[str], states: Array | None = 
         The sensitivities of the log.
 
     """
-    seen = record(arm, Portion.whole(log), max(WINDOW, FEWEST * log.period))
-    shooting = Shooting(arm, seen)
-    words = dictionary(arm, Suggested(suggested(arm, seen).shapes, {}, {}))
+    seen = cut_windows(arm, LogPortion.all_rows(log), max(WINDOW_SECONDS, FEWEST_WINDOW_ROWS * log.period))
+    shooting = MultipleShooting(arm, seen)
+    words = build_candidates(arm, InitialGuess(guess_from_log(arm, seen).shapes, {}, {}))
     columns = []
     for column in words.columns:
-        if column.atom >= 0 and words.atoms[column.atom].name in effects:
-            sized = replace(column, step=_whole(arm, column))
-            if not column.base:
-                sized = replace(sized, spike=SILENT)
+        if column.candidate >= 0 and words.members[column.candidate].name in effects:
+            sized = replace(column, step=_typical_size(arm, column))
+            if not column.in_every_hypothesis:
+                sized = replace(sized, spike_width=SILENT_SPIKE_WIDTH)
             columns.append(sized)
-        elif column.atom < 0 or words.atoms[column.atom].first:
+        elif column.candidate < 0 or words.members[column.candidate].has_default_shapes:
             columns.append(column)
-    p, begun = shooting.begin()
+    p, begun = shooting.nominal_start()
     if states is not None:
         begun = states[seen.starts, : shooting.m].copy()
-    return design(shooting, Dictionary(words.atoms, tuple(columns)), Point(p, begun))
+    return compute_sensitivities(shooting, CandidateSet(words.members, tuple(columns)), OperatingPoint(p, begun))
 
 
-def separation(arm: Arm, effects: Sequence[str], kept: Kept) -> dict[Pair, float]:
+def predict_separations(arm: Arm, effects: Sequence[str], kept: SafeRun) -> dict[EffectPair, float]:
     """Predict the log evidence by which a motion separates effects.
 
     Args:
@@ -268,17 +280,19 @@ def separation(arm: Arm, effects: Sequence[str], kept: Kept) -> dict[Pair, float
         Expected nats of each pair; of more than two effects without those that no channel of the log shows.
 
     """
-    at = modelled(arm, kept.simulation.log, effects, kept.simulation.state)
-    linear, random = at.linear(1.0), np.random.default_rng(0)
-    energy = np.diagonal(linear.gram.products, axis1=1, axis2=2).sum(0)[linear.m + linear.k :]
+    at = build_linear_model(arm, kept.simulation.log, effects, kept.simulation.state)
+    linear, random = at.linear_model(1.0), np.random.default_rng(0)
+    energy = np.diagonal(linear.cross_products.products, axis1=1, axis2=2).sum(0)[linear.m + linear.k :]
     shown = {
-        at.words.atoms[c.atom].name for c, e in zip(at.words.columns, energy, strict=True) if c.atom >= 0 and e > 0
+        at.candidates.members[c.candidate].name
+        for c, e in zip(at.candidates.columns, energy, strict=True)
+        if c.candidate >= 0 and e > 0
     }
     count = 1
     if len(effects) == 2:
-        count = DRAWS
-    logs = [_sizes(at.words, effects, true, random) for true in effects for _ in range(count)]
-    found = together(lambda theta: weighed(_with(linear, theta), at.words, effects), logs)
+        count = DRAWS_PER_EFFECT
+    logs = [_draw_parameters(at.candidates, effects, true, random) for true in effects for _ in range(count)]
+    found = map_in_threads(lambda theta: score_effects(_add_parameters(linear, theta), at.candidates, effects), logs)
     evidence: dict[str, dict[str, float]] = {}
     for k, true in enumerate(effects):
         draws = found[k * count : (k + 1) * count]
@@ -290,7 +304,7 @@ def separation(arm: Arm, effects: Sequence[str], kept: Kept) -> dict[Pair, float
     }
 
 
-def weighed(linear: Linear, words: Dictionary, effects: Sequence[str]) -> dict[str, float]:
+def score_effects(linear: LinearModel, words: CandidateSet, effects: Sequence[str]) -> dict[str, float]:
     """Score effects by their log evidence in a linear model.
 
     Args:
@@ -302,29 +316,29 @@ def weighed(linear: Linear, words: Dictionary, effects: Sequence[str]) -> dict[s
         Log evidence of each effect, of its best candidate.
 
     """
-    atoms = [k for k, atom in enumerate(words.atoms) if atom.name in effects]
+    atoms = [k for k, atom in enumerate(words.members) if atom.name in effects]
     best: dict[str, float] = {}
-    for one in score(posteriors(linear, words.spike), words, [(k,) for k in atoms]):
-        best.setdefault(words.atoms[one.atoms[0]].name, one.evidence)
+    for one in score_candidate_sets(compute_posteriors(linear, words.spike_widths), words, [(k,) for k in atoms]):
+        best.setdefault(words.members[one.effects[0]].name, one.evidence)
     return best
 
 
-def _sizes(words: Dictionary, effects: Sequence[str], true: str, random: np.random.Generator) -> Array:
+def _draw_parameters(words: CandidateSet, effects: Sequence[str], true: str, random: np.random.Generator) -> Array:
     """θ of a machine that has the effect ``true`` and everything else within its tolerance."""
-    theta = random.normal(size=len(words.columns)) * words.spike
-    atom = next(k for k, atom in enumerate(words.atoms) if atom.name == true)
-    own, size = words.free((atom,)), np.ones(1)
+    theta = random.normal(size=len(words.columns)) * words.spike_widths
+    atom = next(k for k, atom in enumerate(words.members) if atom.name == true)
+    own, size = words.amplitude_columns((atom,)), np.ones(1)
     if len(own) > 1:
         size = random.normal(size=len(own))
-    meant = [k for k, atom in enumerate(words.atoms) if atom.name in effects]
-    theta[words.free(tuple(meant))] = 0.0
+    meant = [k for k, atom in enumerate(words.members) if atom.name in effects]
+    theta[words.amplitude_columns(tuple(meant))] = 0.0
     theta[own] = np.sign(words.columns[own[0]].step) * size / np.linalg.norm(size)
     return theta
 
 
-def _with(linear: Linear, theta: Array) -> Linear:
+def _add_parameters(linear: LinearModel, theta: Array) -> LinearModel:
     """The linear model of a log of a machine with θ: its products follow from those of the columns."""
-    gram = linear.gram
+    gram = linear.cross_products
     moved = np.concatenate([np.zeros(gram.m + gram.k), theta])
     added = gram.products @ moved
     return replace(linear, z=linear.z + added, r2=linear.r2 + (2 * linear.z + added) @ moved)

@@ -21,21 +21,21 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from hdagen.adoption.diagnosis_file import LARGEST, find_infinite
+from hdagen.adoption.diagnosis_file import MOST_DIAGNOSIS_BYTES, find_infinite
 from hdagen.arm.arrays import is_number
-from hdagen.fleet.fleet_file import Machine
-from hdagen.support.atomic_write import write_whole
-from hdagen.support.child_processes import start_together
+from hdagen.fleet.fleet_file import FleetMachine
+from hdagen.support.atomic_write import write_atomically
+from hdagen.support.child_processes import start_child_process
 from hdagen.support.input_file import InputFileError, read_json
 from hdagen.support.version import __version__
 
-DIAGNOSE = (sys.executable, "-P", "-m", "hdagen", "diagnose")
+DIAGNOSE_COMMAND = (sys.executable, "-P", "-m", "hdagen", "diagnose")
 SCHEMA = 1
-_LARGEST = 1_000_000  # bytes of a machine.json
-_PROGRESS = re.compile(r"\s*[\d.]+ s  |building ")  # lines that the command writes on its way
-_UNUSABLE = 3  # exit code of a log that is refused
-_LONGEST = 3600.0  # s that one machine may take
-_LOOK = 0.05  # s between looks at whether to stop
+_MOST_MACHINE_BYTES = 1_000_000  # bytes of a machine.json
+_PROGRESS_PATTERN = re.compile(r"\s*[\d.]+ s  |building ")  # lines that the command writes on its way
+_UNUSABLE_EXIT_CODE = 3  # exit code of a log that is refused
+_LONGEST_DIAGNOSIS = 3600.0  # s that one machine may take
+_LOOK_INTERVAL = 0.05  # s between looks at whether to stop
 
 
 class Status(Enum):
@@ -48,21 +48,21 @@ class Status(Enum):
 
 
 @dataclass(frozen=True)
-class Result:
+class MachineResult:
     """How ``machine`` ended, in ``seconds``; ``kept`` from an earlier run.
 
     ``diagnosis`` is the content of diagnosis.json; where there is none, ``says`` has the program's sentences.
     """
 
-    machine: Machine
+    machine: FleetMachine
     status: Status
     seconds: float = 0.0
-    kept: bool = False
-    says: tuple[str, ...] = ()
+    is_reused: bool = False
+    messages: tuple[str, ...] = ()
     diagnosis: Mapping[str, Any] | None = None
 
     @property
-    def probability(self) -> float | None:
+    def verdict_probability(self) -> float | None:
         """Probability of the verdict, if it was tried as one hypothesis."""
         if self.diagnosis is None:
             return None
@@ -70,13 +70,13 @@ class Result:
         return next((float(h["probability"]) for h in self.diagnosis["hypotheses"] if h["effects"] == verdict), None)
 
 
-def diagnose(
-    machines: Sequence[Machine],
+def diagnose_fleet(
+    machines: Sequence[FleetMachine],
     out: Path,
     jobs: int,
     say: Callable[[str], None],
-    command: Sequence[str] = DIAGNOSE,
-) -> tuple[list[Result], bool]:
+    command: Sequence[str] = DIAGNOSE_COMMAND,
+) -> tuple[list[MachineResult], bool]:
     """Diagnose the machines that an earlier run has not finished.
 
     Args:
@@ -91,19 +91,19 @@ def diagnose(
         complete, and the others are not run.
 
     """
-    results = {m.name: Result(m, Status.NOT_RUN) for m in machines}
+    results = {m.name: MachineResult(m, Status.NOT_RUN) for m in machines}
     for machine in machines:
-        if (kept := _kept(machine, out / machine.name)) is not None:
+        if (kept := _find_earlier_result(machine, out / machine.name)) is not None:
             results[machine.name] = kept
             say(f"{machine.name}: {kept.status.value} before, kept")
     todo = [m for m in machines if results[m.name].status is Status.NOT_RUN]
     stop, begun, interrupted = threading.Event(), time.monotonic(), False
     pool = ThreadPoolExecutor(max(jobs, 1))
-    futures = [pool.submit(_run, m, out / m.name, command, stop) for m in todo]
-    waiting: set[Future[Result]] = set(futures)
+    futures = [pool.submit(_diagnose_unless_stopped, m, out / m.name, command, stop) for m in todo]
+    waiting: set[Future[MachineResult]] = set(futures)
     try:
         while waiting:
-            ended, waiting = wait(waiting, _LOOK, FIRST_COMPLETED)  # an interrupt just before is heard after
+            ended, waiting = wait(waiting, _LOOK_INTERVAL, FIRST_COMPLETED)  # an interrupt just before is heard after
             if not ended:
                 continue
             done = len(todo) - len(waiting)
@@ -121,21 +121,21 @@ def diagnose(
     return [results[m.name] for m in machines], interrupted
 
 
-def _kept(machine: Machine, folder: Path) -> Result | None:
+def _find_earlier_result(machine: FleetMachine, folder: Path) -> MachineResult | None:
     """The result of an earlier run on the same files, if it finished."""
     try:
-        found = read_json(folder / "machine.json", _LARGEST, "diagnose again")
-        if found["inputs"] != machine.digest():
+        found = read_json(folder / "machine.json", _MOST_MACHINE_BYTES, "diagnose again")
+        if found["inputs"] != machine.hash_inputs():
             return None
         status, diagnosis = {"diagnosed": Status.DIAGNOSED, "refused": Status.REFUSED}[found["status"]], None
         if status is Status.DIAGNOSED:
-            diagnosis = _diagnosis(folder)
-        return Result(machine, status, float(found["seconds"]), True, tuple(map(str, found["says"])), diagnosis)
+            diagnosis = _read_diagnosis(folder)
+        return MachineResult(machine, status, float(found["seconds"]), True, tuple(map(str, found["says"])), diagnosis)
     except (InputFileError, OSError, ValueError, KeyError, TypeError, OverflowError):
         return None
 
 
-def _diagnosis(folder: Path) -> dict[str, Any]:
+def _read_diagnosis(folder: Path) -> dict[str, Any]:
     """Read the diagnosis.json of a machine.
 
     Args:
@@ -150,13 +150,18 @@ def _diagnosis(folder: Path) -> dict[str, Any]:
 
     """
     path = folder / "diagnosis.json"
-    found = read_json(path, LARGEST, "diagnose again")
-    if not isinstance(found, dict) or found.get("schema") != SCHEMA or not _is_told(found) or any(find_infinite(found)):
+    found = read_json(path, MOST_DIAGNOSIS_BYTES, "diagnose again")
+    if (
+        not isinstance(found, dict)
+        or found.get("schema") != SCHEMA
+        or not _is_complete(found)
+        or any(find_infinite(found))
+    ):
         raise ValueError(f"{path}: is no diagnosis of schema {SCHEMA}")
     return found
 
 
-def _is_told(found: Mapping[str, Any]) -> bool:
+def _is_complete(found: Mapping[str, Any]) -> bool:
     """Whether a diagnosis has all parts that table and page show."""
     try:
         gaps = [found["gap"][when] for when in ("before", "after")]
@@ -170,66 +175,72 @@ def _is_told(found: Mapping[str, Any]) -> bool:
     return "sure" in found and all(isinstance(word, str) for word in says) and all(map(is_number, numbers))
 
 
-def _run(machine: Machine, folder: Path, command: Sequence[str], stop: threading.Event) -> Result:
+def _diagnose_unless_stopped(
+    machine: FleetMachine, folder: Path, command: Sequence[str], stop: threading.Event
+) -> MachineResult:
     """Diagnose one machine by a process of its own, which ``stop`` ends."""
     if stop.is_set():
-        return Result(machine, Status.NOT_RUN)
+        return MachineResult(machine, Status.NOT_RUN)
     try:
-        return _diagnosed(machine, folder, command, stop)
+        return _diagnose_machine(machine, folder, command, stop)
     except OSError as error:
-        return Result(machine, Status.FAILED, says=(f"{error.filename}: {error.strerror}.",))
+        return MachineResult(machine, Status.FAILED, messages=(f"{error.filename}: {error.strerror}.",))
 
 
-def _diagnosed(machine: Machine, folder: Path, command: Sequence[str], stop: threading.Event) -> Result:
-    inputs, begun = machine.digest(), time.monotonic()
+def _diagnose_machine(
+    machine: FleetMachine, folder: Path, command: Sequence[str], stop: threading.Event
+) -> MachineResult:
+    inputs, begun = machine.hash_inputs(), time.monotonic()
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("machine.json", "diagnosis.json", "report.html"):
         (folder / name).unlink(missing_ok=True)
     with (folder / "said.txt").open("w+", encoding="utf-8", errors="replace") as said:
-        code = _waited([*command, *machine.arguments(folder)], said.fileno(), stop)
+        code = _wait_for_command([*command, *machine.command_arguments(folder)], said.fileno(), stop)
         said.seek(0)
-        lines = [line.strip() for line in said if line.strip() and not _PROGRESS.match(line)]
+        lines = [line.strip() for line in said if line.strip() and not _PROGRESS_PATTERN.match(line)]
     if code is None and stop.is_set():
-        return Result(machine, Status.NOT_RUN)
+        return MachineResult(machine, Status.NOT_RUN)
     seconds = time.monotonic() - begun
-    status, says, diagnosis = _ended(code, lines, folder)
+    status, says, diagnosis = _judge_exit(code, lines, folder)
     if status is not Status.FAILED:
         kept = {"inputs": inputs, "status": status.value, "seconds": seconds, "says": list(says)}
-        write(folder / "machine.json", kept)
-    return Result(machine, status, seconds, False, says, diagnosis)
+        write_json(folder / "machine.json", kept)
+    return MachineResult(machine, status, seconds, False, says, diagnosis)
 
 
-def _ended(code: int | None, lines: list[str], folder: Path) -> tuple[Status, tuple[str, ...], dict[str, Any] | None]:
+def _judge_exit(
+    code: int | None, lines: list[str], folder: Path
+) -> tuple[Status, tuple[str, ...], dict[str, Any] | None]:
     """Status, sentences and diagnosis of a process that ended with ``code``, None where it took too long."""
     if code is None:
-        return Status.FAILED, (f"it was stopped after {_LONGEST:g} s.",), None
-    if code == _UNUSABLE:
+        return Status.FAILED, (f"it was stopped after {_LONGEST_DIAGNOSIS:g} s.",), None
+    if code == _UNUSABLE_EXIT_CODE:
         return Status.REFUSED, tuple(lines), None
     if code:
         return Status.FAILED, tuple(lines[-5:]) or (f"it ended with exit code {code} and without a word.",), None
     try:
-        return Status.DIAGNOSED, (), _diagnosis(folder)
+        return Status.DIAGNOSED, (), _read_diagnosis(folder)
     except (InputFileError, ValueError) as error:
         return Status.FAILED, (f"it left no diagnosis.json that can be read ({error}).",), None
 
 
-def _waited(command: Sequence[str], said: int, stop: threading.Event) -> int | None:
+def _wait_for_command(command: Sequence[str], said: int, stop: threading.Event) -> int | None:
     """The exit code of ``command``, whose output goes to the file ``said``; None: it was stopped or took too long.
 
     An interrupt from the keyboard reaches it through ``stop`` only.
     """
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))))
     environment, begun = {**os.environ, "PYTHONPATH": beside}, time.monotonic()
-    with start_together(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=environment) as child:
-        while not stop.is_set() and time.monotonic() - begun < _LONGEST:
+    with start_child_process(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=environment) as child:
+        while not stop.is_set() and time.monotonic() - begun < _LONGEST_DIAGNOSIS:
             try:
-                return int(child.wait(_LOOK))
+                return int(child.wait(_LOOK_INTERVAL))
             except subprocess.TimeoutExpired:
                 continue
     return None
 
 
-def summary(results: Sequence[Result]) -> dict[str, Any]:
+def summarize_fleet(results: Sequence[MachineResult]) -> dict[str, Any]:
     """Sum a fleet up as fleet.json holds it; the same results give the same content.
 
     Args:
@@ -250,24 +261,24 @@ def summary(results: Sequence[Result]) -> dict[str, Any]:
         "version": __version__,
         "counts": {status.value: ended[status] for status in Status},
         "effects": dict(sorted(effects.items(), key=lambda item: (-len(item[1]), item[0]))),
-        "machines": [_row(one) for one in results],
+        "machines": [_summarize_result(one) for one in results],
     }
 
 
-def _row(one: Result) -> dict[str, Any]:
+def _summarize_result(one: MachineResult) -> dict[str, Any]:
     row: dict[str, Any] = {
         "name": one.machine.name,
         "robot": one.machine.robot,
         "log": str(one.machine.log),
         "status": one.status.value,
-        "says": list(one.says),
+        "says": list(one.messages),
     }
     if one.diagnosis is None:
         return row
     return row | {
         "verdict": one.diagnosis["verdict"],
         "sure": one.diagnosis["sure"],
-        "probability": one.probability,
+        "probability": one.verdict_probability,
         "gap": {when: one.diagnosis["gap"].get(when) for when in ("before", "after", "floor", "shrink")},
         "repaired": [repair["what"] for repair in one.diagnosis.get("data", {}).get("repaired", [])],
         "warnings": one.diagnosis.get("data", {}).get("warnings", []),
@@ -275,7 +286,7 @@ def _row(one: Result) -> dict[str, Any]:
     }
 
 
-def write(path: Path, content: Mapping[str, Any]) -> None:
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON, whole or not at all.
 
     Args:
@@ -286,4 +297,4 @@ def write(path: Path, content: Mapping[str, Any]) -> None:
         OSError: The file cannot be written.
 
     """
-    write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+    write_atomically(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())

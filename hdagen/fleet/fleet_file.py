@@ -15,19 +15,19 @@ from typing import Any
 from hdagen.arm.build_loader import PlantError
 from hdagen.log import column_map_file
 from hdagen.log.data_table import LogError
-from hdagen.log.measured_log import check_log
+from hdagen.log.measured_log import check_log_file
 from hdagen.support.input_file import InputFileError, read_toml
-from hdagen.support.messages import shown, shown_path
+from hdagen.support.messages import show_path, show_value
 from hdagen.support.version import __version__
 
-_REQUIRED, _OPTIONAL = ("robot", "log"), ("hold_out", "columns", "name")
-_NAME = re.compile(r"\w[\w -]{0,59}")  # it is a folder, too
-_PRESET = re.compile(r"[a-z][a-z0-9_]{0,60}")
-_LARGEST = 1_000_000  # bytes of a fleet.toml
+_REQUIRED_KEYS, _OPTIONAL_KEYS = ("robot", "log"), ("hold_out", "columns", "name")
+_NAME_PATTERN = re.compile(r"\w[\w -]{0,59}")  # it is a folder, too
+_PRESET_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,60}")
+_MOST_FLEET_BYTES = 1_000_000  # bytes of a fleet.toml
 
 
 @dataclass(frozen=True)
-class Machine:
+class FleetMachine:
     """A log and the files that its diagnosis needs; ``robot`` is a preset or a path."""
 
     name: str
@@ -36,7 +36,7 @@ class Machine:
     hold_out: Path | None
     columns: Path | None
 
-    def digest(self) -> str:
+    def hash_inputs(self) -> str:
         """Hash the content of the files, wherever they lie, and this version.
 
         Returns:
@@ -46,16 +46,16 @@ class Machine:
         parts: dict[str, str | None] = {"version": __version__, "robot": self.robot}
         robot = Path(self.robot)
         if (robot / "manifest.json").is_file():  # a folder that holds a build
-            parts["robot"] = _digest(robot / "manifest.json")
+            parts["robot"] = _hash_file(robot / "manifest.json")
         elif robot.exists():
-            parts["robot"] = _digest(robot)
+            parts["robot"] = _hash_file(robot)
         for key, path in (("log", self.log), ("hold_out", self.hold_out), ("columns", self.columns)):
             parts[key] = None
             if path is not None:
-                parts[key] = _digest(path)
+                parts[key] = _hash_file(path)
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
-    def arguments(self, out: Path) -> list[str]:
+    def command_arguments(self, out: Path) -> list[str]:
         """List the arguments of `hdagen diagnose`.
 
         Args:
@@ -73,7 +73,7 @@ class Machine:
         return [*stated, "--", self.robot, str(self.log)]
 
 
-def read(path: Path) -> tuple[Machine, ...]:
+def read_fleet(path: Path) -> tuple[FleetMachine, ...]:
     """Read a fleet.toml.
 
     Args:
@@ -87,10 +87,10 @@ def read(path: Path) -> tuple[Machine, ...]:
 
     """
     try:
-        content = read_toml(path, _LARGEST, "give a fleet.toml as docs/diagnosis.md describes it")
+        content = read_toml(path, _MOST_FLEET_BYTES, "give a fleet.toml as docs/diagnosis.md describes it")
     except InputFileError as error:
         raise PlantError(error) from None
-    place = shown_path(path)
+    place = show_path(path)
     problems = [
         f"{place}: unknown key {key[:40]!r}; possible is [[machine]], one a log." for key in content if key != "machine"
     ]
@@ -98,7 +98,9 @@ def read(path: Path) -> tuple[Machine, ...]:
     if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
         problems.append(f"{place}: there is no [[machine]]; write one with robot and log for each log.")
         raise PlantError("\n".join(problems))
-    machines = [_machine(f"{place}: machine {k}", path.parent, entry, problems) for k, entry in enumerate(entries, 1)]
+    machines = [
+        _read_machine(f"{place}: machine {k}", path.parent, entry, problems) for k, entry in enumerate(entries, 1)
+    ]
     names = Counter(machine.name.casefold() for machine in machines if machine)
     problems += [
         f'{place}: {count} machines are named {name!r}; tell them apart with name = "…".'
@@ -110,16 +112,16 @@ def read(path: Path) -> tuple[Machine, ...]:
     return tuple(machine for machine in machines if machine)
 
 
-def _machine(where: str, folder: Path, entry: Mapping[str, Any], problems: list[str]) -> Machine | None:
+def _read_machine(where: str, folder: Path, entry: Mapping[str, Any], problems: list[str]) -> FleetMachine | None:
     """One [[machine]], or None with what is wrong appended to ``problems``."""
-    known = _REQUIRED + _OPTIONAL
+    known = _REQUIRED_KEYS + _OPTIONAL_KEYS
     wrong = [
         f"{where}: unknown key {key[:40]!r}; possible are {', '.join(known)}." for key in entry if key not in known
     ]
-    wrong += [f"{where}: {key} is missing; state it." for key in _REQUIRED if key not in entry]
+    wrong += [f"{where}: {key} is missing; state it." for key in _REQUIRED_KEYS if key not in entry]
     text = {key: value for key, value in entry.items() if isinstance(value, str) and value and "\0" not in value}
     wrong += [
-        f"{where}: {key} = {shown(value)}; it must be text in quotes."
+        f"{where}: {key} = {show_value(value)}; it must be text in quotes."
         for key, value in entry.items()
         if key in known and key not in text
     ]
@@ -127,28 +129,28 @@ def _machine(where: str, folder: Path, entry: Mapping[str, Any], problems: list[
     for key, path in paths.items():
         try:
             if key == "columns":
-                column_map_file.load(path)
+                column_map_file.read_column_map(path)
             else:
-                check_log(path)
+                check_log_file(path)
         except LogError as error:
-            wrong += [f"{where}: {key} = {shown(text[key])}: {problem}" for problem in error.problems]
+            wrong += [f"{where}: {key} = {show_value(text[key])}: {problem}" for problem in error.problems]
     robot = text.get("robot", "")
     if robot and any(os.path.isfile(folder / robot / name) for name in ("", "manifest.json")):
         robot = str((folder / robot).absolute())
-    elif robot and not _PRESET.fullmatch(robot):
-        wrong.append(f"{where}: robot = {shown(robot)}: there is no such file, and it is no preset's name.")
+    elif robot and not _PRESET_PATTERN.fullmatch(robot):
+        wrong.append(f"{where}: robot = {show_value(robot)}: there is no such file, and it is no preset's name.")
     name = ""
     if "log" in paths:
         name = re.sub(r"[^\w -]", "_", paths["log"].stem)[:60]
     name = text.get("name", name)
-    if name and not _NAME.fullmatch(name):
-        wrong.append(f"{where}: name = {shown(name)}; possible are up to 60 letters, digits, spaces, _ and -.")
+    if name and not _NAME_PATTERN.fullmatch(name):
+        wrong.append(f"{where}: name = {show_value(name)}; possible are up to 60 letters, digits, spaces, _ and -.")
     problems += wrong
     if wrong:
         return None
-    return Machine(name, robot, paths["log"], paths.get("hold_out"), paths.get("columns"))
+    return FleetMachine(name, robot, paths["log"], paths.get("hold_out"), paths.get("columns"))
 
 
-def _digest(path: Path) -> str:
+def _hash_file(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

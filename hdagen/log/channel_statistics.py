@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.support.row_runs import stretches
+from hdagen.support.row_runs import find_true_runs
 
-_RUN = 5  # consecutive rows at one extreme that count as saturated
-_STILL = 0.01  # rad or m; less is compliance and control error of a joint that is held
-_WINDOW = 0.015  # s, of the boxcar that smooths before differentiating
+_SATURATED_RUN_ROWS = 5  # consecutive rows at one extreme that count as saturated
+_LEAST_MOTION = 0.01  # rad or m; less is compliance and control error of a joint that is held
+_SMOOTHING_TIME = 0.015  # s, of the boxcar that smooths before differentiating
 
 
 @dataclass(frozen=True)
-class Channel:
+class ChannelStatistics:
     """The statistics of a channel, SI.
 
     Attributes:
@@ -33,20 +33,20 @@ class Channel:
     high: float
     step: float
     noise: float
-    saturated: float
+    saturated_share: float
 
     @property
-    def constant(self) -> bool:
+    def is_constant(self) -> bool:
         """Whether the channel never leaves one value."""
         return self.high == self.low
 
     @property
-    def moves(self) -> bool:
+    def is_moving(self) -> bool:
         """Whether a position moves as a driven joint does, more than a joint that is held while others move."""
-        return self.high - self.low > max(_STILL, 50 * self.noise)
+        return self.high - self.low > max(_LEAST_MOTION, 50 * self.noise)
 
 
-def describe(name: str, values: np.ndarray) -> Channel:
+def compute_channel_statistics(name: str, values: np.ndarray) -> ChannelStatistics:
     """Compute the statistics of a channel.
 
     Args:
@@ -58,12 +58,12 @@ def describe(name: str, values: np.ndarray) -> Channel:
 
     """
     levels = np.unique(values)
-    step = quantisation(levels)
-    spread = max(noise(values), step / math.sqrt(12))
-    return Channel(name, float(levels[0]), float(levels[-1]), step, spread, _saturated(values))
+    step = find_quantisation_step(levels)
+    spread = max(estimate_noise(values), step / math.sqrt(12))
+    return ChannelStatistics(name, float(levels[0]), float(levels[-1]), step, spread, _compute_saturated_share(values))
 
 
-def quantisation(levels: np.ndarray) -> float:
+def find_quantisation_step(levels: np.ndarray) -> float:
     """Find the quantisation step of a channel.
 
     Args:
@@ -81,13 +81,13 @@ def quantisation(levels: np.ndarray) -> float:
         for share in (0.0, 0.02, 0.1):  # the step is the smallest gap, unless a few rows are out of line
             if len(gaps) < 4:
                 break
-            step = _grid(gaps, float(np.quantile(gaps, share)))
+            step = _refine_step(gaps, float(np.quantile(gaps, share)))
             if step:
                 return step
     return 0.0
 
 
-def _grid(gaps: np.ndarray, step: float) -> float:
+def _refine_step(gaps: np.ndarray, step: float) -> float:
     """Refine ``step`` where nearly all ``gaps`` between levels are multiples of it; else return 0."""
     for largest in (5, 50, 500):  # a gap of many steps shows a small error of the step, a small one none
         multiples = np.rint(gaps / step)
@@ -101,7 +101,7 @@ def _grid(gaps: np.ndarray, step: float) -> float:
     return 0.0
 
 
-def noise(values: np.ndarray) -> float:
+def estimate_noise(values: np.ndarray) -> float:
     """Estimate the white noise on a smooth signal, robustly, from its differences of order 2 to 6.
 
     The differences of order n of white noise have C(2n, n) times its variance. The signal's own share of them falls
@@ -123,20 +123,20 @@ def noise(values: np.ndarray) -> float:
     return float(min(estimates, default=0.0))
 
 
-def _saturated(values: np.ndarray) -> float:
+def _compute_saturated_share(values: np.ndarray) -> float:
     """The share of rows in runs of at least five at the smallest or largest value; 0 for a constant channel."""
     low, high = values.min(), values.max()
     if low == high:
         return 0.0
     rows = 0
     for extreme in (low, high):
-        lengths = np.diff(stretches(values == extreme))
-        rows += int(lengths[lengths >= _RUN].sum())
+        lengths = np.diff(find_true_runs(values == extreme))
+        rows += int(lengths[lengths >= _SATURATED_RUN_ROWS].sum())
     return rows / len(values)
 
 
 @dataclass(frozen=True, eq=False)
-class Even:
+class UniformGrid:
     """Evenly spaced instants over the time of a log, for filters that need them.
 
     Attributes:
@@ -146,7 +146,7 @@ class Even:
     """
 
     time: np.ndarray
-    logged: np.ndarray
+    logged_time: np.ndarray
 
     @property
     def period(self) -> float:
@@ -154,9 +154,9 @@ class Even:
         return float(self.time[1] - self.time[0])
 
     @property
-    def width(self) -> int:
+    def window_rows(self) -> int:
         """Rows of the smoothing window."""
-        return max(5, round(_WINDOW / self.period))
+        return max(5, round(_SMOOTHING_TIME / self.period))
 
     def smooth(self, values: np.ndarray) -> np.ndarray:
         """Interpolate samples to the even instants and smooth them with two boxcars, without lag.
@@ -168,14 +168,14 @@ class Even:
             (K,), smoothed samples at the even instants; the smoothing is the same for every channel.
 
         """
-        even = np.interp(self.time, self.logged, values)
-        kernel = np.full(self.width, 1.0 / self.width)
-        before, after = self.width // 2, self.width - 1 - self.width // 2
+        even = np.interp(self.time, self.logged_time, values)
+        kernel = np.full(self.window_rows, 1.0 / self.window_rows)
+        before, after = self.window_rows // 2, self.window_rows - 1 - self.window_rows // 2
         for _ in range(2):
             even = np.convolve(np.pad(even, (before, after), mode="edge"), kernel, "valid")
         return even
 
-    def rate(self, smooth: np.ndarray) -> np.ndarray:
+    def differentiate(self, smooth: np.ndarray) -> np.ndarray:
         """Differentiate smoothed samples.
 
         Args:
@@ -188,7 +188,7 @@ class Even:
         return np.gradient(smooth, self.period)
 
 
-def even(time: np.ndarray) -> Even:
+def make_uniform_grid(time: np.ndarray) -> UniformGrid:
     """Make a uniform grid at the median period of a log, from its first to its last row.
 
     Args:
@@ -199,10 +199,10 @@ def even(time: np.ndarray) -> Even:
 
     """
     period = float(np.median(np.diff(time)))
-    return Even(time[0] + period * np.arange(max(2, int((time[-1] - time[0]) / period + 1.0 + 1e-6))), time)
+    return UniformGrid(time[0] + period * np.arange(max(2, int((time[-1] - time[0]) / period + 1.0 + 1e-6))), time)
 
 
-def relation(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+def fit_slope_and_correlation(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Fit the slope of y over x about their means.
 
     Args:

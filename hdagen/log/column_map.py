@@ -11,44 +11,50 @@ from pathlib import Path
 import numpy as np
 
 from hdagen.log.data_table import LogError, Table
-from hdagen.support.messages import list_nearest, list_some, meant, shown
+from hdagen.support.messages import join_names, join_nearest_names, show_value, suggest_name
 
-COUNT = "counts"  # of an encoder; needs counts_per_turn
-_ANGLE = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, COUNT: 2 * math.pi}
-_RATE = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30, "turn/s": 2 * math.pi, "counts/s": 2 * math.pi}
-_TORQUE = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N": 1.0, "mN": 1e-3, "kN": 1e3}
+COUNT_UNIT = "counts"  # of an encoder; needs counts_per_turn
+_ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, COUNT_UNIT: 2 * math.pi}
+_RATE_UNITS = {
+    "rad/s": 1.0,
+    "deg/s": math.pi / 180,
+    "rpm": math.pi / 30,
+    "turn/s": 2 * math.pi,
+    "counts/s": 2 * math.pi,
+}
+_TORQUE_UNITS = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N": 1.0, "mN": 1e-3, "kN": 1e3}
 
 # Per column the known units, each with its size in SI; the first is the column's own. A prismatic joint has its
 # position in m, its speed in m/s and its force in N under the same names.
-UNITS: dict[str, dict[str, float]] = {
+COLUMN_UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "motor_current_command": {"A": 1.0, "mA": 1e-3},
     "motor_current": {"A": 1.0, "mA": 1e-3},
-    "motor_torque_command": _TORQUE,
-    "motor_torque": _TORQUE,
-    "motor_position": _ANGLE,
-    "joint_position": {**_ANGLE, "m": 1.0, "mm": 1e-3, "um": 1e-6},
-    "joint_torque": _TORQUE,
-    "joint_position_reference": {**_ANGLE, "m": 1.0, "mm": 1e-3, "um": 1e-6},
-    "motor_velocity": _RATE,
-    "joint_velocity": {**_RATE, "m/s": 1.0, "mm/s": 1e-3},
+    "motor_torque_command": _TORQUE_UNITS,
+    "motor_torque": _TORQUE_UNITS,
+    "motor_position": _ANGLE_UNITS,
+    "joint_position": {**_ANGLE_UNITS, "m": 1.0, "mm": 1e-3, "um": 1e-6},
+    "joint_torque": _TORQUE_UNITS,
+    "joint_position_reference": {**_ANGLE_UNITS, "m": 1.0, "mm": 1e-3, "um": 1e-6},
+    "motor_velocity": _RATE_UNITS,
+    "joint_velocity": {**_RATE_UNITS, "m/s": 1.0, "mm/s": 1e-3},
     "motor_temperature": {"K": 1.0, "degC": 1.0},
     "tip_force_x": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "tip_force_y": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
 }
-WHOLE_ARM = ("time", "tip_force_x", "tip_force_y")
+WHOLE_ARM_COLUMNS = ("time", "tip_force_x", "tip_force_y")
 RAW_UNITS = ("V", "mV", "percent", "counts")  # units of any column that needs a scale
-_SHOWN = 20  # missing columns that are named
-_COMPARED = 1000  # names among which the nearest one is looked for
+_MOST_NAMED_COLUMNS = 20  # missing columns that are named
+_MOST_COMPARED_COLUMNS = 1000  # names among which the nearest one is looked for
 _CELSIUS_ZERO = 273.15  # K
-_NAME = re.compile(r"(?P<base>[a-z_]+?)_(?P<joint>[1-9]\d?)")
+_JOINT_COLUMN_PATTERN = re.compile(r"(?P<base>[a-z_]+?)_(?P<joint>[1-9]\d?)")
 
 
 class ColumnsError(LogError):
     """A columns.toml that cannot be used; the log itself was not looked at."""
 
 
-def split_name(name: str) -> tuple[str, int] | None:
+def split_column_name(name: str) -> tuple[str, int] | None:
     """Split the name of a column into its quantity and its joint.
 
     Args:
@@ -59,15 +65,15 @@ def split_name(name: str) -> tuple[str, int] | None:
         ("time", 0); None for a name that no log's column has.
 
     """
-    if name in WHOLE_ARM:
+    if name in WHOLE_ARM_COLUMNS:
         return name, 0
-    match = _NAME.fullmatch(name)
-    if match and match["base"] in UNITS and match["base"] not in WHOLE_ARM:
+    match = _JOINT_COLUMN_PATTERN.fullmatch(name)
+    if match and match["base"] in COLUMN_UNITS and match["base"] not in WHOLE_ARM_COLUMNS:
         return match["base"], int(match["joint"])
     return None
 
 
-def commanded(measured: str) -> str:
+def name_command_channel(measured: str) -> str:
     """Name the command channel of a measured input.
 
     Args:
@@ -82,7 +88,7 @@ def commanded(measured: str) -> str:
 
 
 @dataclass(frozen=True)
-class Source:
+class ColumnSource:
     """The origin of one column, as a table of columns.toml states it.
 
     In this order: a wrapped counter is unwrapped, missing values are filled, ``subtract`` is taken off, then
@@ -90,7 +96,7 @@ class Source:
     """
 
     name: str
-    read: str  # the foreign column; "" where value or period says all
+    foreign_column: str  # the foreign column; "" where value or period says all
     value: float | None = None  # a constant column
     period: float | None = None  # time only: rows this far apart, s
     unit: str = ""
@@ -107,16 +113,16 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """The frame of a logged tip force: ``rotation`` (rad) from the base or, if ``moving``, from the last link."""
+class ForceFrame:
+    """The frame of a logged tip force: ``rotation`` (rad) from the base or, if ``is_moving``, from the last link."""
 
-    moving: bool = False
+    is_moving: bool = False
     rotation: float = 0.0
     turning_joints: tuple[int, ...] | None = None  # revolute joints; None: all
 
 
 @dataclass(frozen=True)
-class Mapped:
+class MappedColumns:
     """A table under the contract's names, in SI. Rows outside [start, stop) lack a value that was shifted or filled."""
 
     time: np.ndarray | None  # None where the log has none
@@ -130,16 +136,18 @@ class Mapped:
 class ColumnMap:
     """A columns.toml, checked. Columns of the log that already have a contract name need no entry."""
 
-    sources: dict[str, Source]
+    sources: dict[str, ColumnSource]
     ignore: tuple[str, ...] = ()
-    frame: Frame | None = None
+    frame: ForceFrame | None = None
     path: Path | None = None
 
     @cached_property
-    def _needed(self) -> frozenset[str]:
-        return frozenset(name for source in self.sources.values() for name in (source.read, source.subtract) if name)
+    def _foreign_columns(self) -> frozenset[str]:
+        return frozenset(
+            name for source in self.sources.values() for name in (source.foreign_column, source.subtract) if name
+        )
 
-    def reads(self, name: str) -> bool:
+    def needs_column(self, name: str) -> bool:
         """Tell whether a column of the file is needed.
 
         Args:
@@ -149,11 +157,11 @@ class ColumnMap:
             Whether a table of columns.toml takes it, or it has a log's name and is not ignored.
 
         """
-        return name in self._needed or (
-            split_name(name) is not None and name not in self.ignore and name not in self.sources
+        return name in self._foreign_columns or (
+            split_column_name(name) is not None and name not in self.ignore and name not in self.sources
         )
 
-    def apply(self, table: Table) -> Mapped:
+    def apply(self, table: Table) -> MappedColumns:
         """Bring a table under a log's names and units.
 
         Args:
@@ -166,14 +174,18 @@ class ColumnMap:
             ColumnsError: Columns are missing or differ in length; every problem is listed.
 
         """
-        own = {name: Source(name, name) for name in table.columns if self.reads(name) and split_name(name)}
+        own = {
+            name: ColumnSource(name, name)
+            for name in table.columns
+            if self.needs_column(name) and split_column_name(name)
+        }
         own = {name: source for name, source in own.items() if name not in self.sources}
         sources = self.sources | own
         problems = self._absent_columns(sources, table)
         lengths = {
             name: len(table.columns[name])
             for s in sources.values()
-            for name in (s.read, s.subtract)
+            for name in (s.foreign_column, s.subtract)
             if name in table.columns
         }
         if len(set(lengths.values())) > 1:
@@ -186,55 +198,56 @@ class ColumnMap:
         if problems:
             raise ColumnsError(problems)
         rows = next(iter(lengths.values()), 0)
-        converted = {name: _convert(source, table, rows) for name, source in sources.items()}
-        notes = [note for source in sources.values() for note in _notes(source, table)]
+        converted = {name: _convert_column(source, table, rows) for name, source in sources.items()}
+        notes = [note for source in sources.values() for note in _describe_conversion(source, table)]
         if self.frame is not None:
-            notes.append(_turn_force(self.frame, converted, self.path))
-        start = max((_edges(sources[n], v)[0] for n, v in converted.items()), default=0)
-        stop = min((_edges(sources[n], v)[1] for n, v in converted.items()), default=rows)
-        return Mapped(converted.pop("time", None), converted, start, max(start, stop), tuple(notes))
+            notes.append(_rotate_tip_force(self.frame, converted, self.path))
+        start = max((_find_known_rows(sources[n], v)[0] for n, v in converted.items()), default=0)
+        stop = min((_find_known_rows(sources[n], v)[1] for n, v in converted.items()), default=rows)
+        return MappedColumns(converted.pop("time", None), converted, start, max(start, stop), tuple(notes))
 
-    def _absent_columns(self, sources: dict[str, Source], table: Table) -> list[str]:
+    def _absent_columns(self, sources: dict[str, ColumnSource], table: Table) -> list[str]:
         """One sentence for each of the first columns that are taken and not there, and one on the columns there are."""
         absent = [
             (source.name, read)
             for source in sources.values()
-            for read in (source.read, source.subtract)
+            for read in (source.foreign_column, source.subtract)
             if read and read not in table.columns
         ]
         if not absent:
             return []
         problems = [
-            f"{self.path}: [{name}] takes column {shown(read)}, not in the log{meant(read, table.names[:_COMPARED])}."
-            for name, read in absent[:_SHOWN]
+            f"{self.path}: [{name}] takes column {show_value(read)}, not in the"
+            f" log{suggest_name(read, table.names[:_MOST_COMPARED_COLUMNS])}."
+            for name, read in absent[:_MOST_NAMED_COLUMNS]
         ]
-        listed = f"the log has {list_nearest([read for _, read in absent], table.names, 40)}."
-        if len(absent) > _SHOWN:
+        listed = f"the log has {join_nearest_names([read for _, read in absent], table.names, 40)}."
+        if len(absent) > _MOST_NAMED_COLUMNS:
             listed = f"{len(absent)} columns in all are not there; {listed}"
         return [*problems, f"{self.path}: {listed}"]
 
 
-def _factor(source: Source) -> float:
+def _find_unit_factor(source: ColumnSource) -> float:
     """The size of the logged unit in the column's own unit, before the scale."""
-    base = (split_name(source.name) or (source.name, 0))[0]
-    factor = UNITS[base].get(source.unit, 1.0)
-    if source.unit not in (COUNT, "counts/s"):
+    base = (split_column_name(source.name) or (source.name, 0))[0]
+    factor = COLUMN_UNITS[base].get(source.unit, 1.0)
+    if source.unit not in (COUNT_UNIT, "counts/s"):
         return factor
     if not source.counts_per_turn:
         return 1.0
     return factor / source.counts_per_turn
 
 
-def _convert(source: Source, table: Table, rows: int) -> np.ndarray:
+def _convert_column(source: ColumnSource, table: Table, rows: int) -> np.ndarray:
     """One column of shape (rows,) in SI, NaN where shifting or filling left no value."""
     if source.value is not None:
         return np.full(rows, source.value)
     if source.period is not None:
         return np.arange(rows) * source.period
-    logged = _prepare(table.columns[source.read], source)
+    logged = _unwrap_and_fill(table.columns[source.foreign_column], source)
     if source.subtract:
-        logged = logged - _prepare(table.columns[source.subtract], source)
-    factor, offset = source.sign * source.scale * _factor(source), source.offset
+        logged = logged - _unwrap_and_fill(table.columns[source.subtract], source)
+    factor, offset = source.sign * source.scale * _find_unit_factor(source), source.offset
     if source.joint_side_ratio is not None:
         if source.name.startswith("motor_torque"):
             factor = factor / source.joint_side_ratio
@@ -255,7 +268,7 @@ def _convert(source: Source, table: Table, rows: int) -> np.ndarray:
     return values
 
 
-def _prepare(values: np.ndarray, source: Source) -> np.ndarray:
+def _unwrap_and_fill(values: np.ndarray, source: ColumnSource) -> np.ndarray:
     """Unwrap a counter over the rows that have a value, then fill the others (never beyond the first and last)."""
     known = np.flatnonzero(np.isfinite(values))
     if source.wrap is not None and len(known):
@@ -269,7 +282,7 @@ def _prepare(values: np.ndarray, source: Source) -> np.ndarray:
     return np.where(last >= 0, values[known[np.maximum(last, 0)]], np.nan)
 
 
-def _edges(source: Source, values: np.ndarray) -> tuple[int, int]:
+def _find_known_rows(source: ColumnSource, values: np.ndarray) -> tuple[int, int]:
     """The rows [start, stop) outside which a shifted or filled column has no value."""
     start, stop = max(source.shift_rows, 0), len(values) + min(source.shift_rows, 0)
     if source.fill and len(known := np.flatnonzero(np.isfinite(values))):
@@ -277,7 +290,7 @@ def _edges(source: Source, values: np.ndarray) -> tuple[int, int]:
     return start, stop
 
 
-def _notes(source: Source, table: Table) -> list[str]:
+def _describe_conversion(source: ColumnSource, table: Table) -> list[str]:
     """Say in a sentence how a column was converted; nothing for a column taken as it is."""
     if source.value is not None:
         return [f"{source.name} is not logged: taken as {source.value:g} throughout."]
@@ -288,7 +301,7 @@ def _notes(source: Source, table: Table) -> list[str]:
         parts.append(f"unwrapped at {source.wrap:g}")
     if source.subtract:
         parts.append(f"less {source.subtract}")
-    factor = source.sign * source.scale * _factor(source)
+    factor = source.sign * source.scale * _find_unit_factor(source)
     if factor != 1.0 or source.unit == "degC":
         parts.append(f"converted from {source.unit or 'the logged sign and scale'} (times {factor:.10g})")
     if source.joint_side_ratio is not None:
@@ -297,31 +310,31 @@ def _notes(source: Source, table: Table) -> list[str]:
         parts.append(f"{source.offset:g} added")
     if source.shift_rows:
         parts.append(f"moved by {source.shift_rows} row(s)")
-    missing = int(np.count_nonzero(~np.isfinite(table.columns[source.read])))
+    missing = int(np.count_nonzero(~np.isfinite(table.columns[source.foreign_column])))
     if source.fill and missing:
         parts.append(f"{missing} missing value(s) filled ({source.fill})")
     if not parts:
         return []
-    return [f"{source.name} is {source.read}, {', '.join(parts)}."]
+    return [f"{source.name} is {source.foreign_column}, {', '.join(parts)}."]
 
 
-def _turn_force(frame: Frame, columns: dict[str, np.ndarray], path: Path | None) -> str:
+def _rotate_tip_force(frame: ForceFrame, columns: dict[str, np.ndarray], path: Path | None) -> str:
     """Turn the tip force into the base frame, in place. Raises ColumnsError where a column for it is missing."""
     positions: list[str] = []
-    if frame.moving and frame.turning_joints is not None:
+    if frame.is_moving and frame.turning_joints is not None:
         positions = [f"joint_position_{j}" for j in frame.turning_joints]
-    elif frame.moving:
-        positions = [name for name in columns if (split_name(name) or ("", 0))[0] == "joint_position"]
+    elif frame.is_moving:
+        positions = [name for name in columns if (split_column_name(name) or ("", 0))[0] == "joint_position"]
     missing = [name for name in ("tip_force_x", "tip_force_y", *positions) if name not in columns]
-    if frame.moving and not positions and not missing:
+    if frame.is_moving and not positions and not missing:
         missing = ["joint_position_1"]
     if missing:
-        lacking = list_some(missing)
+        lacking = join_names(missing)
         raise ColumnsError([f"{path}: [tip_force] needs {lacking}, which the log does not have: log it, or map it."])
     angle = frame.rotation + sum(columns[name] for name in positions)
     x, y = columns["tip_force_x"], columns["tip_force_y"]
     columns["tip_force_x"] = np.cos(angle) * x - np.sin(angle) * y
     columns["tip_force_y"] = np.sin(angle) * x + np.cos(angle) * y
-    if frame.moving:
+    if frame.is_moving:
         return "The tip force was turned from the tip frame into the base frame."
     return "The tip force was turned from the sensor frame into the base frame."

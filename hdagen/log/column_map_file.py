@@ -7,15 +7,25 @@ import re
 from pathlib import Path
 from typing import Any
 
-from hdagen.log.column_map import COUNT, RAW_UNITS, UNITS, WHOLE_ARM, ColumnMap, ColumnsError, Frame, Source, split_name
+from hdagen.log.column_map import (
+    COLUMN_UNITS,
+    COUNT_UNIT,
+    RAW_UNITS,
+    WHOLE_ARM_COLUMNS,
+    ColumnMap,
+    ColumnsError,
+    ColumnSource,
+    ForceFrame,
+    split_column_name,
+)
 from hdagen.support.input_file import InputFileError, read_toml
-from hdagen.support.messages import list_some, meant, shown
+from hdagen.support.messages import join_names, show_value, suggest_name
 
-_LARGEST = 200_000  # bytes of a columns.toml
+_MOST_COLUMN_MAP_BYTES = 200_000  # bytes of a columns.toml
 _MOST_TABLES = 1500  # every column of 99 joints
 
 
-def load(path: Path | str) -> ColumnMap:
+def read_column_map(path: Path | str) -> ColumnMap:
     """Read and check a columns.toml.
 
     Args:
@@ -30,15 +40,15 @@ def load(path: Path | str) -> ColumnMap:
     """
     path = Path(path)
     try:
-        tables = read_toml(path, _LARGEST, "give a columns.toml as docs/log.md describes it")
+        tables = read_toml(path, _MOST_COLUMN_MAP_BYTES, "give a columns.toml as docs/log.md describes it")
     except InputFileError as error:
         raise ColumnsError([str(error)]) from None
     if len(tables) > _MOST_TABLES:
         raise ColumnsError([f"{path}: found {len(tables)} tables; no log has more than {_MOST_TABLES} columns in use."])
-    return check(tables, path)
+    return build_column_map(tables, path)
 
 
-def check(tables: dict[str, Any], path: Path) -> ColumnMap:
+def build_column_map(tables: dict[str, Any], path: Path) -> ColumnMap:
     """Check the tables of a columns.toml and build the map of columns that they state.
 
     Args:
@@ -54,24 +64,24 @@ def check(tables: dict[str, Any], path: Path) -> ColumnMap:
     """
     tables = dict(tables)
     problems: list[str] = []
-    ignore = _ignored(path, tables.pop("ignore", []), problems)
+    ignore = _check_ignored(path, tables.pop("ignore", []), problems)
     frame = None
     if "tip_force" in tables:
-        frame = _frame(path, tables.pop("tip_force"), problems)
-    known = [_example_name(base) for base in UNITS]
+        frame = _parse_force_frame(path, tables.pop("tip_force"), problems)
+    known = [_example_name(base) for base in COLUMN_UNITS]
     sources = {}
     for name, entry in tables.items():
-        if split_name(name) is None:
+        if split_column_name(name) is None:
             problems.append(
-                f"{path}: [{name[:80]}] is not a column of a log{meant(name, known)}; possible are {list_some(known)} "
-                "(with the joint's number from 1), ignore and tip_force."
+                f"{path}: [{name[:80]}] is not a column of a log{suggest_name(name, known)}; possible are"
+                f" {join_names(known)} (with the joint's number from 1), ignore and tip_force."
             )
         elif not isinstance(entry, dict):
             problems.append(
-                f'{path}: {name} must be a table, as in [{name}] with from = "…" below it; found {shown(entry)}.'
+                f'{path}: {name} must be a table, as in [{name}] with from = "…" below it; found {show_value(entry)}.'
             )
         else:
-            sources[name] = _source(path, name, entry, problems)
+            sources[name] = _parse_column_source(path, name, entry, problems)
     if problems:
         raise ColumnsError(problems)
     return ColumnMap(sources, ignore, frame, path)
@@ -79,39 +89,41 @@ def check(tables: dict[str, Any], path: Path) -> ColumnMap:
 
 def _example_name(quantity: str) -> str:
     """The name of a column of a quantity, that of the first joint where each joint has one."""
-    if quantity in WHOLE_ARM:
+    if quantity in WHOLE_ARM_COLUMNS:
         return quantity
     return f"{quantity}_1"
 
 
-def _ignored(path: Path, value: Any, problems: list[str]) -> tuple[str, ...]:
+def _check_ignored(path: Path, value: Any, problems: list[str]) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-        problems.append(f"{path}: ignore must be a list of column names; found {shown(value)}.")
+        problems.append(f"{path}: ignore must be a list of column names; found {show_value(value)}.")
         return ()
     return tuple(value)
 
 
-def _frame(path: Path, entry: Any, problems: list[str]) -> Frame | None:
+def _parse_force_frame(path: Path, entry: Any, problems: list[str]) -> ForceFrame | None:
     place = f"{path}: [tip_force]"
     if not isinstance(entry, dict):
-        problems.append(f"{place} must be a table; found {shown(entry)}.")
+        problems.append(f"{place} must be a table; found {show_value(entry)}.")
         return None
     for key in entry.keys() - {"frame", "rotation", "turning_joints"}:
         problems.append(f"{place} has no key {key[:60]}; possible are frame, rotation and turning_joints.")
     frame, rotation, joints = entry.get("frame", "base"), entry.get("rotation", 0.0), entry.get("turning_joints")
     if frame not in ("base", "tip"):
         problems.append(
-            f'{place} frame = {shown(frame)}; possible are "base" (fixed) and "tip" (turns with the last link).'
+            f'{place} frame = {show_value(frame)}; possible are "base" (fixed) and "tip" (turns with the last link).'
         )
     if not _is_number(rotation):
-        problems.append(f"{place} rotation = {shown(rotation)}; it must be a finite angle in rad.")
+        problems.append(f"{place} rotation = {show_value(rotation)}; it must be a finite angle in rad.")
         rotation = 0.0
     if joints is None:
-        return Frame(frame == "tip", float(rotation))
+        return ForceFrame(frame == "tip", float(rotation))
     if not isinstance(joints, list) or not joints or not all(_is_whole(j) and j > 0 for j in joints):
-        problems.append(f"{place} turning_joints = {shown(joints)}; it must list joint numbers from 1, as in [1, 2].")
+        problems.append(
+            f"{place} turning_joints = {show_value(joints)}; it must list joint numbers from 1, as in [1, 2]."
+        )
         return None
-    return Frame(frame == "tip", float(rotation), tuple(joints))
+    return ForceFrame(frame == "tip", float(rotation), tuple(joints))
 
 
 def _is_number(value: Any) -> bool:
@@ -127,7 +139,7 @@ def _is_text(value: Any) -> bool:
 
 
 # key -> (test of its value, description of a right value, pattern of the columns that may have it)
-_KEYS: dict[str, tuple[Any, str, str]] = {
+_KEY_CHECKS: dict[str, tuple[Any, str, str]] = {
     "from": (_is_text, "the name of a column of the log", ""),
     "value": (_is_number, "a finite number", "_"),
     "period": (lambda v: _is_number(v) and v > 0, "a positive number of seconds", "^time$"),
@@ -153,60 +165,62 @@ _KEYS: dict[str, tuple[Any, str, str]] = {
 }
 
 
-def _source(path: Path, name: str, entry: dict[str, Any], problems: list[str]) -> Source:
+def _parse_column_source(path: Path, name: str, entry: dict[str, Any], problems: list[str]) -> ColumnSource:
     """One table of the file, its problems appended; keys that are wrong count as absent."""
     place = f"{path}: [{name}]"
     good: dict[str, Any] = {}
     for key, value in entry.items():
-        if key not in _KEYS or not re.search(_KEYS[key][2], name):
-            possible = [k for k, (_, _, pattern) in _KEYS.items() if re.search(pattern, name)]
-            problems.append(f"{place} has no key {key[:60]}; possible are {list_some(possible)}.")
-        elif not _KEYS[key][0](value):
-            problems.append(f"{place} {key} = {shown(value)}; it must be {_KEYS[key][1]}.")
+        if key not in _KEY_CHECKS or not re.search(_KEY_CHECKS[key][2], name):
+            possible = [k for k, (_, _, pattern) in _KEY_CHECKS.items() if re.search(pattern, name)]
+            problems.append(f"{place} has no key {key[:60]}; possible are {join_names(possible)}.")
+        elif not _KEY_CHECKS[key][0](value):
+            problems.append(f"{place} {key} = {show_value(value)}; it must be {_KEY_CHECKS[key][1]}.")
         else:
             good[key] = value
     origin = "value" if "value" in good else "period"
     others = sorted(good.keys() - {origin})
     if origin in good and others:
         problems.append(
-            f"{place} has {origin} and {list_some(others)}; a column that is not logged has {origin} alone."
+            f"{place} has {origin} and {join_names(others)}; a column that is not logged has {origin} alone."
         )
-    unit = _unit(place, name, good, problems)
+    unit = _parse_unit(place, name, good, problems)
     wrap = good.get("wrap")
     if wrap == "turn":
-        turns = {"rad": 2 * math.pi, "deg": 360.0, "turn": 1.0, COUNT: good.get("counts_per_turn")}
+        turns = {"rad": 2 * math.pi, "deg": 360.0, "turn": 1.0, COUNT_UNIT: good.get("counts_per_turn")}
         wrap = turns.get(unit or "rad")
         if wrap is None:
             problems.append(
                 f'{place} wrap = "turn" has no meaning with unit = "{unit}"; give the wrap as a number in that unit.'
             )
-    keys: dict[str, Any] = {key: good[key] for key in _PLAIN if key in good}
+    keys: dict[str, Any] = {key: good[key] for key in _COPIED_KEYS if key in good}
     keys |= {key: float(good[key]) for key in ("value", "sign", "scale", "offset") if key in good}
     if wrap is not None:
         keys["wrap"] = float(wrap)
     read = good.get("from", name)
     if origin in good:
         read = ""
-    return Source(name, read, unit=unit, **keys)
+    return ColumnSource(name, read, unit=unit, **keys)
 
 
-KEYS = frozenset(_KEYS)
-_PLAIN = ("period", "counts_per_turn", "subtract", "joint_side_ratio", "shift_rows", "fill", "duplicates")
+COLUMN_KEYS = frozenset(_KEY_CHECKS)
+_COPIED_KEYS = ("period", "counts_per_turn", "subtract", "joint_side_ratio", "shift_rows", "fill", "duplicates")
 
 
-def _unit(place: str, name: str, good: dict[str, Any], problems: list[str]) -> str:
+def _parse_unit(place: str, name: str, good: dict[str, Any], problems: list[str]) -> str:
     """The unit in its one spelling ("Nm" is "N m"); problems where it is unknown or lacks a key that it needs."""
-    base = (split_name(name) or (name, 0))[0]
+    base = (split_column_name(name) or (name, 0))[0]
     if "unit" not in good:
         return ""
-    spelt = {unit.replace(" ", ""): unit for unit in (*UNITS[base], *RAW_UNITS)}
+    spelt = {unit.replace(" ", ""): unit for unit in (*COLUMN_UNITS[base], *RAW_UNITS)}
     unit = spelt.get(re.sub(r"[ ·*]", "", good["unit"]).replace("µ", "u").replace("μ", "u").replace("°C", "degC"), "")
-    own = next(iter(UNITS[base]))
+    own = next(iter(COLUMN_UNITS[base]))
     if not unit:
-        listed = list_some([*UNITS[base], *(f"{raw} (with scale)" for raw in RAW_UNITS if raw not in UNITS[base])])
-        problems.append(f"{place} unit = {shown(good['unit'])}; possible are {listed}.")
-    elif unit not in UNITS[base] and "scale" not in good:
+        listed = join_names(
+            [*COLUMN_UNITS[base], *(f"{raw} (with scale)" for raw in RAW_UNITS if raw not in COLUMN_UNITS[base])]
+        )
+        problems.append(f"{place} unit = {show_value(good['unit'])}; possible are {listed}.")
+    elif unit not in COLUMN_UNITS[base] and "scale" not in good:
         problems.append(f"{place} has unit = {unit!r} without a scale; add scale = how many {own} one {unit} is.")
-    elif unit in (COUNT, "counts/s") and "counts_per_turn" not in good and "scale" not in good:
+    elif unit in (COUNT_UNIT, "counts/s") and "counts_per_turn" not in good and "scale" not in good:
         problems.append(f"{place} has unit = {unit!r}; add counts_per_turn (or scale, how many {own} one count is).")
     return unit

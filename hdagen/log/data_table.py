@@ -11,17 +11,17 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from hdagen.support.atomic_write import open_whole
-from hdagen.support.messages import list_some, printable, shown, shown_path
+from hdagen.support.atomic_write import open_atomically
+from hdagen.support.messages import join_names, make_printable, show_path, show_value
 
 MOST_COLUMNS = 10_000  # columns of a file
 MOST_CELLS = 100_000_000  # rows times columns in use: an hour of 27 columns at 1 kHz
-_MOST_UNPACKED = 10 * MOST_CELLS  # bytes
-_MOST_FOOTER = 16 << 20  # bytes that describe the columns and row groups of a Parquet file
+_MOST_UNPACKED_BYTES = 10 * MOST_CELLS  # bytes
+_MOST_FOOTER_BYTES = 16 << 20  # bytes that describe the columns and row groups of a Parquet file
 _MOST_PROBLEMS = 100  # problems that are listed
-_SMALLER = "cut the log into shorter ones, or leave columns out with ignore in a columns.toml"
-_WRITTEN = (".csv", ".parquet")
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")  # a column name that needs no quoting anywhere
+_SMALLER_LOG_ADVICE = "cut the log into shorter ones, or leave columns out with ignore in a columns.toml"
+_WRITABLE_FORMATS = (".csv", ".parquet")
+_WRITABLE_NAME_PATTERN = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")  # a column name that needs no quoting anywhere
 
 
 class LogError(Exception):
@@ -33,7 +33,7 @@ class LogError(Exception):
     """
 
     def __init__(self, problems: list[str]) -> None:
-        self.problems = [printable(problem) for problem in problems[:_MOST_PROBLEMS]]
+        self.problems = [make_printable(problem) for problem in problems[:_MOST_PROBLEMS]]
         if len(problems) > _MOST_PROBLEMS:
             self.problems.append(f"{len(problems) - _MOST_PROBLEMS} more problems are not listed: mend these first.")
         super().__init__("\n".join(self.problems))
@@ -56,7 +56,7 @@ class Table:
     first_line: int | None
     notes: tuple[str, ...]
 
-    def place(self, row: int) -> str:
+    def describe_row(self, row: int) -> str:
         """Name a row as a person counts it.
 
         Args:
@@ -98,7 +98,7 @@ def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
             problems: list[str] = []
             for name in wanted:
                 kind = schema.field(name).type
-                if not (is_number(kind) or pa.types.is_timestamp(kind) or pa.types.is_duration(kind)):
+                if not (is_number_type(kind) or pa.types.is_timestamp(kind) or pa.types.is_duration(kind)):
                     problems.append(
                         f"{path}: column {name} holds {kind}, not numbers; possible are integers, floating point, "
                         "booleans and time stamps: convert it, or leave the column out."
@@ -108,20 +108,20 @@ def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
             notes: list[str] = []
             columns = {}
             for name in wanted:
-                columns[name] = _numbers(name, file.read(columns=[name]).column(0), notes)
+                columns[name] = _convert_to_float(name, file.read(columns=[name]).read_state(0), notes)
     except MemoryError:
-        raise LogError([f"{path}: there is not enough memory to read it; {_SMALLER}."]) from None
+        raise LogError([f"{path}: there is not enough memory to read it; {_SMALLER_LOG_ADVICE}."]) from None
     except (pa.ArrowException, OSError, ValueError) as error:
         raise LogError(
             [
-                f"{path}: not a readable Parquet file ({first_line(error)}): the file is damaged, incomplete or of "
+                f"{path}: not a readable Parquet file ({get_first_line(error)}): the file is damaged, incomplete or of "
                 "another format; copy or export it again."
             ]
         ) from None
     return Table(columns, tuple(schema.names), None, tuple(notes))
 
 
-def is_number(kind: Any) -> bool:
+def is_number_type(kind: Any) -> bool:
     """Tell whether an Arrow type converts to float64.
 
     Args:
@@ -137,7 +137,7 @@ def is_number(kind: Any) -> bool:
     return types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)
 
 
-def _numbers(name: str, column: Any, notes: list[str]) -> np.ndarray:
+def _convert_to_float(name: str, column: Any, notes: list[str]) -> np.ndarray:
     """An Arrow column as float64; time stamps become seconds from the first one."""
     import pyarrow as pa
 
@@ -177,7 +177,7 @@ def check_columns(path: Path, names: Sequence[str], keep: Callable[[str], bool])
         if name in places:
             places[name].append(str(i))
     problems = [
-        f"{path}: column {name} stands {len(at)} times in the header (columns {list_some(at, 8)}); "
+        f"{path}: column {name} stands {len(at)} times in the header (columns {join_names(at, 8)}); "
         "which one counts cannot be known: rename or delete all but one."
         for name, at in places.items()
         if len(at) > 1
@@ -201,7 +201,10 @@ def check_cells(path: Path, rows: int, columns: int) -> None:
     """
     if rows * columns > MOST_CELLS:
         raise LogError(
-            [f"{path}: found {rows} rows of {columns} columns in use, possible are {MOST_CELLS} cells; {_SMALLER}."]
+            [
+                f"{path}: found {rows} rows of {columns} columns in use, possible are {MOST_CELLS} cells;"
+                f" {_SMALLER_LOG_ADVICE}."
+            ]
         )
 
 
@@ -210,22 +213,27 @@ def _check_footer(path: Path) -> None:
     with path.open("rb") as file:
         file.seek(-min(8, path.stat().st_size), os.SEEK_END)
         length = int.from_bytes(file.read(4), "little")
-    if _MOST_FOOTER < length < path.stat().st_size:
+    if _MOST_FOOTER_BYTES < length < path.stat().st_size:
         raise LogError(
-            [f"{path}: its columns are described in {length} bytes, possible are {_MOST_FOOTER}; export those in use."]
+            [
+                f"{path}: its columns are described in {length} bytes, possible are {_MOST_FOOTER_BYTES}; export those"
+                " in use."
+            ]
         )
 
 
 def _check_unpacked(path: Path, metadata: Any, wanted: set[str]) -> None:
     """Refuse a Parquet file whose columns in use unpack to more than a log may have. Raises LogError."""
     groups = (metadata.row_group(g) for g in range(metadata.num_row_groups))
-    chunks = (group.column(i) for group in groups for i in range(group.num_columns))
+    chunks = (group.read_state(i) for group in groups for i in range(group.num_columns))
     unpacked = sum(max(c.total_uncompressed_size, 0) for c in chunks if c.path_in_schema in wanted)
-    if unpacked > _MOST_UNPACKED:
-        raise LogError([f"{path}: unpacks to {unpacked} bytes, possible are {_MOST_UNPACKED}; {_SMALLER}."])
+    if unpacked > _MOST_UNPACKED_BYTES:
+        raise LogError(
+            [f"{path}: unpacks to {unpacked} bytes, possible are {_MOST_UNPACKED_BYTES}; {_SMALLER_LOG_ADVICE}."]
+        )
 
 
-def unwritable(path: Path) -> list[str]:
+def find_write_problems(path: Path) -> list[str]:
     """Find the reasons why no table can be written to a path, before the work for the table is done.
 
     Args:
@@ -236,17 +244,19 @@ def unwritable(path: Path) -> list[str]:
 
     """
     problems = []
-    if path.suffix not in _WRITTEN:
-        problems.append(f"cannot write a file ending in {shown(path.suffix)}; possible are {' and '.join(_WRITTEN)}.")
+    if path.suffix not in _WRITABLE_FORMATS:
+        problems.append(
+            f"cannot write a file ending in {show_value(path.suffix)}; possible are {' and '.join(_WRITABLE_FORMATS)}."
+        )
     folder = path.absolute().parent
     if not os.path.isdir(folder):
-        problems.append(f"there is no folder {shown_path(folder)}; make it or name another.")
+        problems.append(f"there is no folder {show_path(folder)}; make it or name another.")
     elif os.path.isdir(path):
         problems.append("is a folder; name a file in it.")
-    return [f"{shown_path(path)}: {problem}" for problem in problems]
+    return [f"{show_path(path)}: {problem}" for problem in problems]
 
 
-def write(table: Mapping[str, np.ndarray], path: Path | str) -> None:
+def write_table(table: Mapping[str, np.ndarray], path: Path | str) -> None:
     """Write columns as float64: to .csv in the shortest text that reads back exactly, or to .parquet with checksums.
 
     The file appears whole or not at all; where writing fails an earlier file stays as it was.
@@ -264,28 +274,28 @@ def write(table: Mapping[str, np.ndarray], path: Path | str) -> None:
     problems = [
         f"{path}: column name {name[:80]!r} cannot be written; possible are letters, digits and _, at most 64."
         for name in columns
-        if not _NAME.fullmatch(name)
+        if not _WRITABLE_NAME_PATTERN.fullmatch(name)
     ]
     if len({values.shape for values in columns.values()}) != 1 or any(v.ndim != 1 for v in columns.values()):
         shapes = ", ".join(f"{name} {values.shape}" for name, values in columns.items())
         problems.append(f"{path}: a table needs at least one column and all of one length; given: {shapes or 'none'}.")
-    problems += unwritable(path)
+    problems += find_write_problems(path)
     if problems:
         raise LogError(problems)
     import pyarrow as pa
 
     arrow = pa.table(columns)
     try:
-        with open_whole(path) as file:
-            _emit(arrow, path.suffix, file)
+        with open_atomically(path) as file:
+            _write_arrow_table(arrow, path.suffix, file)
     except (OSError, pa.ArrowException) as error:
-        why = getattr(error, "strerror", None) or first_line(error)
+        why = getattr(error, "strerror", None) or get_first_line(error)
         raise LogError(
             [f"{path}: cannot be written ({why}); nothing was left half-written: make room or choose another place."]
         ) from None
 
 
-def _emit(arrow: Any, suffix: str, file: BinaryIO) -> None:
+def _write_arrow_table(arrow: Any, suffix: str, file: BinaryIO) -> None:
     if suffix == ".parquet":
         import pyarrow.parquet as pq
 
@@ -297,7 +307,7 @@ def _emit(arrow: Any, suffix: str, file: BinaryIO) -> None:
     pa_csv.write_csv(arrow, file, pa_csv.WriteOptions(include_header=False))
 
 
-def first_line(error: BaseException) -> str:
+def get_first_line(error: BaseException) -> str:
     """Take the first line of an error's text.
 
     Args:

@@ -16,15 +16,17 @@ from typing import Any
 
 import numpy as np
 
-_LARGEST = 2 << 30  # bytes of a file
-_MEMORY = 3 << 29  # bytes of address space beyond that of the libraries
-_SECONDS = 60.0
-_HDF5 = b"\x89HDF\r\n\x1a\n"
-_FAILED = 3  # the child's exit code where the reader refuses the file; the reason is on standard error
-_MAX_COLUMNS = 4096  # vectors of one matrix, or of one file
+_MOST_MAT_BYTES = 2 << 30  # bytes of a file
+_MOST_MEMORY_BYTES = 3 << 29  # bytes of address space beyond that of the libraries
+_MOST_SECONDS = 60.0
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_REFUSED_EXIT_CODE = 3  # the child's exit code where the reader refuses the file; the reason is on standard error
+_MOST_VECTORS = 4096  # vectors of one matrix, or of one file
 
 
-def read_mat(path: Path | str, seconds: float = _SECONDS, memory: int = _MEMORY) -> dict[str, np.ndarray]:
+def read_mat(
+    path: Path | str, seconds: float = _MOST_SECONDS, memory: int = _MOST_MEMORY_BYTES
+) -> dict[str, np.ndarray]:
     """Read the real numeric variables of a .mat file; other variables are left out.
 
     Args:
@@ -48,20 +50,20 @@ def read_mat(path: Path | str, seconds: float = _SECONDS, memory: int = _MEMORY)
 
     path = Path(path)
     try:
-        check_file(path, _LARGEST, "give the path of a .mat file")
+        check_file(path, _MOST_MAT_BYTES, "give the path of a .mat file")
         with path.open("rb") as file:
             head = file.read(1024)
     except InputFileError as error:
         raise LogError([str(error)]) from None
     except OSError as error:
         raise LogError([f"{path}: cannot be read ({error.strerror}); check that it may be read."]) from None
-    if head.startswith((_HDF5, b"MATLAB 7.3")) or head[512:520] == _HDF5:
+    if head.startswith((_HDF5_SIGNATURE, b"MATLAB 7.3")) or head[512:520] == _HDF5_SIGNATURE:
         raise LogError(
             [f"{path}: a MATLAB 7.3 (HDF5) file; possible are versions 4 to 7: in MATLAB save('log.mat', …, '-v7')."]
         )
     with tempfile.TemporaryDirectory(prefix="hdagen-mat-") as folder:
         out = Path(folder) / "arrays.npz"
-        problem = _run_child(path, out, Path(folder) / "reason.txt", seconds, memory)
+        problem = _read_in_child(path, out, Path(folder) / "reason.txt", seconds, memory)
         if problem is None:
             try:
                 with np.load(out, allow_pickle=False) as arrays:
@@ -72,7 +74,7 @@ def read_mat(path: Path | str, seconds: float = _SECONDS, memory: int = _MEMORY)
     raise LogError([f"{path}: not a readable .mat file ({problem}): save it again with '-v7', or export it as CSV."])
 
 
-def _run_child(path: Path, out: Path, reason: Path, seconds: float, memory: int) -> str | None:
+def _read_in_child(path: Path, out: Path, reason: Path, seconds: float, memory: int) -> str | None:
     """Read ``path`` into ``out`` in a child process; return a phrase on the problem, if any."""
     command = [
         sys.executable,
@@ -102,7 +104,7 @@ def _run_child(path: Path, out: Path, reason: Path, seconds: float, memory: int)
             return f"reading it took longer than {seconds:g} s"
     if code == 0:
         return None
-    if code == _FAILED:
+    if code == _REFUSED_EXIT_CODE:
         with reason.open("rb") as errors:
             text = errors.read(2000).decode("utf-8", errors="replace")
         return next((line.strip() for line in reversed(text.splitlines()) if line.strip()), "no reason given")[:300]
@@ -111,7 +113,7 @@ def _run_child(path: Path, out: Path, reason: Path, seconds: float, memory: int)
     return f"the reader crashed with exit code {code}"
 
 
-def _limit(memory: int, seconds: float) -> None:
+def _limit_resources(memory: int, seconds: float) -> None:
     """Bound this process: address space, output, processor time; no core file."""
     try:
         import resource
@@ -133,11 +135,11 @@ def _limit(memory: int, seconds: float) -> None:
         resource.setrlimit(what, (soft, hard))
 
 
-def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
+def _list_vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
     """The real numeric vectors in a variable as loadmat gives it (structs as objects, singletons squeezed)."""
     if hasattr(value, "_fieldnames"):
         for field in value._fieldnames:
-            yield from _vectors(f"{name}.{field}", getattr(value, field))
+            yield from _list_vectors(f"{name}.{field}", getattr(value, field))
         return
     if not isinstance(value, (np.ndarray, np.generic, int, float)):
         return
@@ -146,7 +148,7 @@ def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
         return
     if array.ndim < 2:
         yield name, np.atleast_1d(array).astype(np.float64)
-    elif min(array.shape) <= _MAX_COLUMNS:
+    elif min(array.shape) <= _MOST_VECTORS:
         pattern = "{}({},:)"
         if array.shape[0] >= array.shape[1]:
             array, pattern = array.T, "{}(:,{})"
@@ -154,30 +156,33 @@ def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
             yield pattern.format(name, i), np.ascontiguousarray(vector, dtype=np.float64)
 
 
-def _child(path: str, out: str, memory: int, seconds: float) -> None:
+def _run_as_child(path: str, out: str, memory: int, seconds: float) -> None:
     """Read ``path`` with scipy under limits and write ``out``: array i as a{i}, all names in ``names``."""
     import scipy.io
 
-    _limit(memory, seconds)
+    _limit_resources(memory, seconds)
     try:
         variables = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False, appendmat=False)
         arrays = [
-            pair for name, value in variables.items() if not name.startswith("__") for pair in _vectors(name, value)
+            pair
+            for name, value in variables.items()
+            if not name.startswith("__")
+            for pair in _list_vectors(name, value)
         ]
-        if len(arrays) > _MAX_COLUMNS:
-            raise ValueError(f"it holds {len(arrays)} vectors, more than {_MAX_COLUMNS}")
+        if len(arrays) > _MOST_VECTORS:
+            raise ValueError(f"it holds {len(arrays)} vectors, more than {_MOST_VECTORS}")
         names = np.array([name[:200] for name, _ in arrays], dtype=str)
         np.savez(out, names=names, **{f"a{i}": array for i, (_, array) in enumerate(arrays)})  # type: ignore[arg-type]
     except MemoryError:
-        sys.exit(_say(f"it needs more than {memory >> 20} MB"))
+        sys.exit(_report_reason(f"it needs more than {memory >> 20} MB"))
     except Exception as error:  # whatever the reader meets in a damaged file becomes one line for the parent
-        sys.exit(_say(f"{type(error).__name__}: {error}"))
+        sys.exit(_report_reason(f"{type(error).__name__}: {error}"))
 
 
-def _say(reason: str) -> int:
+def _report_reason(reason: str) -> int:
     print(" ".join(reason.split())[:300].encode("ascii", "replace").decode(), file=sys.stderr)
-    return _FAILED
+    return _REFUSED_EXIT_CODE
 
 
 if __name__ == "__main__":
-    _child(sys.argv[1], sys.argv[2], int(sys.argv[3]), float(sys.argv[4]))
+    _run_as_child(sys.argv[1], sys.argv[2], int(sys.argv[3]), float(sys.argv[4]))

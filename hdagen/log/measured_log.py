@@ -10,28 +10,28 @@ from pathlib import Path
 import numpy as np
 
 from hdagen.log import column_map_file, data_table
-from hdagen.log.column_map import ColumnMap, ColumnsError, Mapped, Source, split_name
+from hdagen.log.column_map import ColumnMap, ColumnsError, ColumnSource, MappedColumns, split_column_name
 from hdagen.log.csv_file import read_csv
 from hdagen.log.data_table import LogError, Table
 from hdagen.log.mat_file import read_mat
-from hdagen.log.timestamps import judge_clock, spread_repeated
+from hdagen.log.timestamps import judge_clock, spread_repeated_stamps
 from hdagen.support.input_file import InputFileError, check_file
-from hdagen.support.messages import list_nearest, list_some, printable, shown, shown_path
-from hdagen.support.row_runs import stretches
+from hdagen.support.messages import join_names, join_nearest_names, make_printable, show_path, show_value
+from hdagen.support.row_runs import find_true_runs
 
-__all__ = ["ColumnsError", "Log", "LogError", "gaps", "read", "write"]
+__all__ = ["ColumnsError", "Log", "LogError", "find_gaps", "read", "write"]
 
-LARGEST = 4 << 30  # bytes of a file
-_FORMATS = (".csv", ".tsv", ".txt", ".parquet", ".mat")
-_INPUTS = ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque")
-_POSITIONS = ("motor_position", "joint_position")
-_SLOWEST = 0.2  # s between rows; a control log is faster, so an undeclared unit is taken for ms, us or ns
-_FASTEST = 1e-6  # s
-_HUGE = 1e9  # SI; no channel of an arm reaches it
-_FARTHEST = 1e20  # s; stamps of any unit are nearer to the beginning of any clock
+MOST_LOG_BYTES = 4 << 30  # bytes of a file
+_LOG_FORMATS = (".csv", ".tsv", ".txt", ".parquet", ".mat")
+_INPUT_CHANNELS = ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque")
+_POSITION_CHANNELS = ("motor_position", "joint_position")
+_LONGEST_PERIOD = 0.2  # s between rows; a control log is faster, so an undeclared unit is taken for ms, us or ns
+_SHORTEST_PERIOD = 1e-6  # s
+_LARGEST_VALUE = 1e9  # SI; no channel of an arm reaches it
+_LARGEST_STAMP = 1e20  # s; stamps of any unit are nearer to the beginning of any clock
 # Share of rows with a repeated stamp that differ from the row before, where a clock is coarse
-_CHANGED = 0.1
-_GAP = 1.75  # periods between rows from where a row is missing: two, less a quarter for jitter
+_LEAST_CHANGED_ROW_SHARE = 0.1
+_GAP_PERIODS = 1.75  # periods between rows from where a row is missing: two, less a quarter for jitter
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Log:
 
     def __post_init__(self) -> None:
         for name, values in self.columns.items():
-            if split_name(name) in (None, ("time", 0)):
+            if split_column_name(name) in (None, ("time", 0)):
                 raise ValueError(f"{name[:80]!r} is not a column of a log")
             if values.shape != self.time.shape or values.ndim != 1:
                 raise ValueError(f"column {name} has shape {values.shape}, time {self.time.shape}")
@@ -69,7 +69,7 @@ class Log:
         if name == "time":
             return self.time
         if name not in self.columns:
-            raise KeyError(f"the log {self.source} has no column {name}; it has {list_some(list(self.columns))}")
+            raise KeyError(f"the log {self.source} has no column {name}; it has {join_names(list(self.columns))}")
         return self.columns[name]
 
     def __contains__(self, name: str) -> bool:
@@ -99,9 +99,9 @@ class Log:
             The rows as a log whose arrays are views.
 
         """
-        return self.taken(slice(start, stop))
+        return self.select_rows(slice(start, stop))
 
-    def taken(self, rows: np.ndarray | slice) -> Log:
+    def select_rows(self, rows: np.ndarray | slice) -> Log:
         """Take some rows.
 
         Args:
@@ -135,11 +135,11 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     """
     path, mapping = Path(path), ColumnMap({})
     if columns is not None:
-        mapping = column_map_file.load(columns)
+        mapping = column_map_file.read_column_map(columns)
     raw = _read_table(path, mapping)
     mapped = mapping.apply(raw)
     logged = mapped.time
-    mapped = _with_spread_stamps(mapped, mapping.sources.get("time"))
+    mapped = _spread_coarse_stamps(mapped, mapping.sources.get("time"))
     problems = _check_columns(path, raw, mapped, joints)
     if mapped.time is not None:
         problems += _check_time(path, raw, mapped, mapped.time, mapping.sources.get("time"))
@@ -157,14 +157,16 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     time, values, stamps = mapped.time, mapped.columns, None
     if len(part) < len(time):  # else nothing is copied
         time, values = time[part], {name: column[part] for name, column in values.items()}
-    ignored = [name for name in raw.names if name and not mapping.reads(name)]
+    ignored = [name for name in raw.names if name and not mapping.needs_column(name)]
     if ignored:
-        notes.append(f"Columns not used: {list_some(ignored, 12)}.")
+        notes.append(f"Columns not used: {join_names(ignored, 12)}.")
     if logged is not None and logged is not mapped.time:
         stamps = logged[part]
-    log = _on_better_clock(Log(time, values, _count_joints(values), printable(path), tuple(mapped.notes), stamps))
-    said = (*raw.notes, *log.notes, *notes, *_gap_notes(log.time, raw, part))
-    return replace(log, notes=tuple(printable(note) for note in said))
+    log = _put_on_better_clock(
+        Log(time, values, _count_joints(values), make_printable(path), tuple(mapped.notes), stamps)
+    )
+    said = (*raw.notes, *log.notes, *notes, *_describe_gaps(log.time, raw, part))
+    return replace(log, notes=tuple(make_printable(note) for note in said))
 
 
 def write(log: Log | Mapping[str, np.ndarray], path: Path | str) -> None:
@@ -182,10 +184,10 @@ def write(log: Log | Mapping[str, np.ndarray], path: Path | str) -> None:
     """
     if isinstance(log, Log):
         log = {"time": log.logged_time, **log.columns}
-    data_table.write(log, path)
+    data_table.write_table(log, path)
 
 
-def gaps(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def find_gaps(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Find the gaps in which rows are missing.
 
     Args:
@@ -200,11 +202,11 @@ def gaps(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.empty(0, int), np.empty(0, int)
     usual = np.median(steps)
     missing = np.rint(steps / usual).astype(int) - 1
-    rows = np.flatnonzero((missing > 0) & (steps > _GAP * usual))
+    rows = np.flatnonzero((missing > 0) & (steps > _GAP_PERIODS * usual))
     return rows, missing[rows]
 
 
-def parts(time: np.ndarray, longest: float) -> list[tuple[int, int]]:
+def split_at_pauses(time: np.ndarray, longest: float) -> list[tuple[int, int]]:
     """Split rows at long pauses.
 
     Args:
@@ -219,24 +221,28 @@ def parts(time: np.ndarray, longest: float) -> list[tuple[int, int]]:
     return [(a, b) for a, b in pairwise(cuts) if b > a]
 
 
-def _with_spread_stamps(mapped: Mapped, source: Source | None) -> Mapped:
+def _spread_coarse_stamps(mapped: MappedColumns, source: ColumnSource | None) -> MappedColumns:
     """Even time where stamps repeat because their clock is coarse; the stamps where a columns.toml treats them."""
     inside = slice(mapped.start, mapped.stop)
     if mapped.time is None or (source and source.duplicates) or not np.isfinite(mapped.time[inside]).all():
         return mapped
     repeats = np.flatnonzero(np.diff(mapped.time[inside]) == 0) + inside.start
     changed = [values[repeats + 1] != values[repeats] for values in mapped.columns.values()]
-    clock = spread_repeated(mapped.time[inside])
-    if clock is None or np.mean(np.any(changed, axis=0)) < _CHANGED:  # rows that were written twice
+    clock = spread_repeated_stamps(mapped.time[inside])
+    if clock is None or np.mean(np.any(changed, axis=0)) < _LEAST_CHANGED_ROW_SHARE:  # rows that were written twice
         return mapped
     time = mapped.time.copy()
     time[inside] = clock.time
     return replace(mapped, time=time, notes=(*mapped.notes, clock.note))
 
 
-def _on_better_clock(log: Log) -> Log:
+def _put_on_better_clock(log: Log) -> Log:
     """The log on the clock on which its encoders' paths are smoothest, with the uncertainty that is left."""
-    paths = {name: values for name, values in log.columns.items() if (split_name(name) or ("", 0))[0] in _POSITIONS}
+    paths = {
+        name: values
+        for name, values in log.columns.items()
+        if (split_column_name(name) or ("", 0))[0] in _POSITION_CHANNELS
+    }
     clock = judge_clock(log.time, paths)
     notes, stamps = log.notes, log.stamps
     if clock.note:
@@ -246,7 +252,7 @@ def _on_better_clock(log: Log) -> Log:
     return replace(log, time=clock.time, notes=notes, stamps=stamps, time_uncertainty=clock.uncertainty)
 
 
-def check_log(path: Path) -> None:
+def check_log_file(path: Path) -> None:
     """Refuse a file that can be no log, before anything is read.
 
     Args:
@@ -256,30 +262,30 @@ def check_log(path: Path) -> None:
         LogError: The file has no known format, is missing, is not regular or is too large.
 
     """
-    if path.suffix.lower() not in _FORMATS:
-        possible = ", ".join(_FORMATS)
-        raise LogError([f"{shown_path(path)}: no log ends in {shown(path.suffix)}; possible are {possible}."])
+    if path.suffix.lower() not in _LOG_FORMATS:
+        possible = ", ".join(_LOG_FORMATS)
+        raise LogError([f"{show_path(path)}: no log ends in {show_value(path.suffix)}; possible are {possible}."])
     try:
-        check_file(path, LARGEST, "give the path of a log")
+        check_file(path, MOST_LOG_BYTES, "give the path of a log")
     except InputFileError as error:
         raise LogError([str(error)]) from None
 
 
 def _read_table(path: Path, mapping: ColumnMap) -> Table:
-    check_log(path)
+    check_log_file(path)
     if path.suffix.lower() == ".parquet":
-        return data_table.read_parquet(path, mapping.reads)
+        return data_table.read_parquet(path, mapping.needs_column)
     if path.suffix.lower() == ".mat":
         arrays = read_mat(path)
-        return Table({n: v for n, v in arrays.items() if mapping.reads(n)}, tuple(arrays), None, ())
-    return read_csv(path, mapping.reads)
+        return Table({n: v for n, v in arrays.items() if mapping.needs_column(n)}, tuple(arrays), None, ())
+    return read_csv(path, mapping.needs_column)
 
 
 def _count_joints(columns: Mapping[str, np.ndarray]) -> int:
-    return max((split[1] for name in columns if (split := split_name(name))), default=0)
+    return max((split[1] for name in columns if (split := split_column_name(name))), default=0)
 
 
-def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -> list[str]:
+def _check_columns(path: Path, raw: Table, mapped: MappedColumns, joints: int | None) -> list[str]:
     """Check the columns that a log needs: time, and for each joint one current or torque and one position."""
     problems, lacking = [], list[str]()
     if mapped.time is None:
@@ -294,9 +300,9 @@ def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -
     wanted = found if joints is None else joints
     if wanted == 0:
         problems.append(f"{path}: no column of any joint was found: map them with a columns.toml.")
-        lacking += [f"{base}_1" for base in (*_INPUTS, *_POSITIONS)]
+        lacking += [f"{base}_1" for base in (*_INPUT_CHANNELS, *_POSITION_CHANNELS)]
     for joint in range(1, wanted + 1):
-        for what, bases in (("current or torque", _INPUTS), ("position", _POSITIONS)):
+        for what, bases in (("current or torque", _INPUT_CHANNELS), ("position", _POSITION_CHANNELS)):
             names = [f"{base}_{joint}" for base in bases]
             if not any(name in mapped.columns for name in names):
                 problems.append(
@@ -305,11 +311,13 @@ def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -
                 )
                 lacking += names
     if lacking:
-        problems.append(f"{path}: the file has {list_nearest(lacking, raw.names, 40)}.")
+        problems.append(f"{path}: the file has {join_nearest_names(lacking, raw.names, 40)}.")
     return problems
 
 
-def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source: Source | None) -> list[str]:
+def _check_time(
+    path: Path, raw: Table, mapped: MappedColumns, time: np.ndarray, source: ColumnSource | None
+) -> list[str]:
     """Time must be finite, increase, and be in s; a unit that columns.toml declares is believed."""
     if not len(time):
         return [f"{path}: there are no rows: record again, or copy it again."]
@@ -318,13 +326,14 @@ def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
         return [
-            f"{path}, {raw.place(int(bad[0]))}: time has no value there, {len(bad)} time(s) in all: delete these rows."
+            f"{path}, {raw.describe_row(int(bad[0]))}: time has no value there, {len(bad)} time(s) in all: delete these"
+            " rows."
         ]
-    far = np.flatnonzero(np.abs(time) > _FARTHEST)
+    far = np.flatnonzero(np.abs(time) > _LARGEST_STAMP)
     if len(far):
         return [
-            f"{path}, {raw.place(int(far[0]))}: time is {time[far[0]]:.3g} s, {len(far)} value(s) beyond "
-            f"±{_FARTHEST:g} s in all: memory that was never written? Delete these rows."
+            f"{path}, {raw.describe_row(int(far[0]))}: time is {time[far[0]]:.3g} s, {len(far)} value(s) beyond "
+            f"±{_LARGEST_STAMP:g} s in all: memory that was never written? Delete these rows."
         ]
     problems = []
     declared = source is not None and bool(source.unit)
@@ -333,18 +342,18 @@ def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source
     if len(back):
         k = int(back[0])
         problems.append(
-            f"{path}, {raw.place(k + 1)}: time runs backwards, from {time[k]:.9g} s to {time[k + 1]:.9g} s, "
+            f"{path}, {raw.describe_row(k + 1)}: time runs backwards, from {time[k]:.9g} s to {time[k + 1]:.9g} s, "
             f"{len(back)} time(s) in all: two recordings in one file, or rows out of order? Cut or sort the file."
         )
     if len(same) and not (source and source.duplicates):
         k = int(same[0])
         problems.append(
-            f"{path}, {raw.place(k + 1)}: the time stamp repeats the one before ({time[k]:.9g} s), {len(same)} in all: "
-            "log time with more digits; or, in columns.toml under [time], give the period, where rows are even, or "
-            'keep the first of each with duplicates = "first".'
+            f"{path}, {raw.describe_row(k + 1)}: the time stamp repeats the one before ({time[k]:.9g} s), {len(same)}"
+            " in all: log time with more digits; or, in columns.toml under [time], give the period, where rows are"
+            ' even, or keep the first of each with duplicates = "first".'
         )
     step = float(np.median(steps))
-    if not declared and not len(back) and step >= _SLOWEST:
+    if not declared and not len(back) and step >= _LONGEST_PERIOD:
         unit, word = "ns", "nano"
         if step < 100:
             unit, word = "ms", "milli"
@@ -354,7 +363,7 @@ def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source
             f"{path}: time looks like {word}seconds (rows are {step:.6g} apart, and s is expected): set "
             f'unit = "{unit}" under [time] in columns.toml, or unit = "s" if it is right.'
         )
-    if not declared and not len(back) and 0 < step < _FASTEST:
+    if not declared and not len(back) and 0 < step < _SHORTEST_PERIOD:
         problems.append(
             f"{path}: rows are {step:.3g} s apart, faster than any control loop: "
             "set unit under [time] in columns.toml, or period = the true step in s."
@@ -362,7 +371,7 @@ def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source
     return problems
 
 
-def _check_values(path: Path, raw: Table, mapped: Mapped, holes: bool) -> list[str]:
+def _check_values(path: Path, raw: Table, mapped: MappedColumns, holes: bool) -> list[str]:
     """Every value finite, unless ``holes`` are wanted, and of a size that an arm can have."""
     problems = []
     for name, values in mapped.columns.items():
@@ -371,29 +380,30 @@ def _check_values(path: Path, raw: Table, mapped: Mapped, holes: bool) -> list[s
         if len(bad) and len(bad) == len(part) and not holes:
             problems.append(f'{path}: column {name} has no value in any row: leave it out with ignore = ["{name}"].')
         elif len(bad) and not holes:
-            longest = int(np.diff(stretches(~np.isfinite(part))).max())
+            longest = int(np.diff(find_true_runs(~np.isfinite(part))).max())
             problems.append(
-                f"{path}, {raw.place(int(bad[0]))}: column {name} has no value in {len(bad)} row(s), up to {longest} "
+                f"{path}, {raw.describe_row(int(bad[0]))}: column {name} has no value in {len(bad)} row(s), up to"
+                f" {longest} "
                 f'together: cut them, or fill them with columns.toml [{name}] fill = "linear" ("hold" for a command).'
             )
-        huge = np.flatnonzero(np.abs(part) > _HUGE) + mapped.start
+        huge = np.flatnonzero(np.abs(part) > _LARGEST_VALUE) + mapped.start
         if len(huge) and np.isfinite(part[huge - mapped.start]).any():
             k = int(huge[np.isfinite(values[huge])][0])
             problems.append(
-                f"{path}, {raw.place(k)}: column {name} is {values[k]:.3g}, {len(huge)} value(s) beyond ±{_HUGE:g} in "
-                "all: memory that was never written? Delete these rows."
+                f"{path}, {raw.describe_row(k)}: column {name} is {values[k]:.3g}, {len(huge)} value(s) beyond"
+                f" ±{_LARGEST_VALUE:g} in all: memory that was never written? Delete these rows."
             )
     return problems
 
 
-def _gap_notes(time: np.ndarray, raw: Table, rows_of: np.ndarray) -> list[str]:
+def _describe_gaps(time: np.ndarray, raw: Table, rows_of: np.ndarray) -> list[str]:
     """Describe the gaps in ``time`` (T,), whose rows are ``rows_of`` (T,) of the file."""
-    rows, missing = gaps(time)
+    rows, missing = find_gaps(time)
     if not len(rows):
         return []
     k = int(rows[np.argmax(missing)])
     share = 100 * missing.sum() / (len(time) + missing.sum())
     return [
         f"{missing.sum()} sample(s) are missing in {len(rows)} gap(s), {share:.2g} % of the log; "
-        f"the longest is {time[k + 1] - time[k]:.4g} s after {raw.place(int(rows_of[k]))}."
+        f"the longest is {time[k + 1] - time[k]:.4g} s after {raw.describe_row(int(rows_of[k]))}."
     ]

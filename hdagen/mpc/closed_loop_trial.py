@@ -17,13 +17,13 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference
-from hdagen.mpc.compiled_settings import torque_limits
-from hdagen.mpc.configuration import Configuration, Wall, gains_of, limits_of
-from hdagen.mpc.predictive_controller import MPC, Report
+from hdagen.mpc.compiled_settings import find_torque_limits
+from hdagen.mpc.configuration import Configuration, Wall, list_admittance_gains, resolve_limits
+from hdagen.mpc.predictive_controller import MPC, TickReport
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import Push, Simulation, ideal, run
+from hdagen.simulation.simulator import Push, Simulation, run, simulate_ideal_admittance
 
-DAMPING = 0.02  # s: damping of a wall per stiffness
+WALL_DAMPING_SECONDS = 0.02  # s: damping of a wall per stiffness
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class Trial:
 
     simulation: Simulation
     wall_force: Array
-    reports: tuple[Report, ...]
+    reports: tuple[TickReport, ...]
     times: Array
     problems: tuple[tuple[Array, Array], ...] = ()
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrialOutcome:
     """A run in numbers. ``violated``: largest excess of each limit by its family's name, SI, 0 where it held."""
 
     distance: float  # median distance of the tip from the ideal motion, m
@@ -52,7 +52,7 @@ class Outcome:
 
 
 @dataclass
-class World:
+class WallWorld:
     """Walls that push: the force on the tip at every tick."""
 
     walls: Sequence[Wall]
@@ -65,19 +65,19 @@ class World:
             normal = np.array(wall.normal)
             depth = float(normal @ tip) - wall.offset
             if wall.stiffness is not None and depth > 0:
-                push = wall.stiffness * (depth + DAMPING * max(float(normal @ velocity), 0.0))
+                push = wall.stiffness * (depth + WALL_DAMPING_SECONDS * max(float(normal @ velocity), 0.0))
                 total -= push * normal
         self.forces.append(total)
         return total
 
 
 @dataclass
-class Recorder:
+class TickRecorder:
     """Runs a predictive controller's tick in parts: preparation, tick, report."""
 
     controller: MPC
-    keep: bool
-    reports: list[Report] = field(default_factory=list)
+    keeps_problems: bool
+    reports: list[TickReport] = field(default_factory=list)
     times: list[tuple[float, float]] = field(default_factory=list)
     problems: list[tuple[Array, Array]] = field(default_factory=list)
 
@@ -91,11 +91,11 @@ class Recorder:
         self.controller.step()
         self.times.append((ready - begun, thread_time() - ready))
         self.reports.append(self.controller.report())
-        if self.keep:
-            self.problems.append(self.controller.problem())
+        if self.keeps_problems:
+            self.problems.append(self.controller.quadratic_problem())
 
 
-def trial(
+def run_trial(
     arm: Arm,
     controller: Controller,
     path: Reference,
@@ -128,28 +128,28 @@ def trial(
     """
     world, pressed = None, [wall for wall in walls if wall.stiffness is not None]
     if pressed:
-        world = World(pressed)
+        world = WallWorld(pressed)
     if not isinstance(controller, MPC):
         done = run(arm, controller, path, pushes, sensors, seed, start, world=world)
-        return Trial(done, _forces(world, done), (), np.empty((0, 2)))
-    recorder = Recorder(controller, keep)
-    controller.through(recorder.run)
+        return Trial(done, _wall_forces(world, done), (), np.empty((0, 2)))
+    recorder = TickRecorder(controller, keep)
+    controller.wrap_tick(recorder.run)
     try:
         done = run(arm, controller, path, pushes, sensors, seed, start, world=world)
     finally:
-        controller.through(None)
+        controller.wrap_tick(None)
     reports, times = tuple(recorder.reports), np.array(recorder.times)
-    return Trial(done, _forces(world, done), reports, times, tuple(recorder.problems))
+    return Trial(done, _wall_forces(world, done), reports, times, tuple(recorder.problems))
 
 
-def _forces(world: World | None, done: Simulation) -> Array:
+def _wall_forces(world: WallWorld | None, done: Simulation) -> Array:
     """Force of the walls at every row."""
     if world is None:
         return np.zeros_like(done.push)
     return np.array(world.forces[: len(done.push)])
 
 
-def outcome(arm: Arm, c: Configuration, path: Reference, found: Trial, controller: Controller) -> Outcome:
+def evaluate_trial(arm: Arm, c: Configuration, path: Reference, found: Trial, controller: Controller) -> TrialOutcome:
     """Evaluate a run against the limits and the admittance of a configuration.
 
     Args:
@@ -164,9 +164,9 @@ def outcome(arm: Arm, c: Configuration, path: Reference, found: Trial, controlle
 
     """
     s = found.simulation
-    goal = path.position + ideal(arm, controller, s.push, path.period, gains_of(c))
+    goal = path.position + simulate_ideal_admittance(arm, controller, s.push, path.period, list_admittance_gains(c))
     distance = np.linalg.norm(s.tip - goal, axis=1)
-    broken, near = excess(arm, c, s)
+    broken, near = measure_violations(arm, c, s)
     free = distance[~near]
     free_distance, start = 0.0, 0
     if len(free):
@@ -174,7 +174,7 @@ def outcome(arm: Arm, c: Configuration, path: Reference, found: Trial, controlle
     pushed = np.flatnonzero(np.abs(s.push - found.wall_force).sum(1) > 1e-9)
     if len(pushed):
         start = min(len(distance) - 1, pushed[-1] + 500)
-    return Outcome(
+    return TrialOutcome(
         distance=float(np.median(distance)),
         largest=float(distance.max()),
         free_distance=free_distance,
@@ -196,13 +196,13 @@ def _motor_velocity(arm: Arm, s: Simulation) -> Array:
     return np.stack(columns, 1)
 
 
-def excess(arm: Arm, c: Configuration, s: Simulation) -> tuple[dict[str, float], Any]:
+def measure_violations(arm: Arm, c: Configuration, s: Simulation) -> tuple[dict[str, float], Any]:
     """How far each family of limits was broken, SI, and the ticks in which any was within 5 % of its bound."""
-    limits, period = limits_of(arm.robot, c), float(c["mpc.period"])
+    limits, period = resolve_limits(arm.robot, c), float(c["mpc.period"])
     q = s.state[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]]
     low, high = np.array(limits["joint_low"]), np.array(limits["joint_high"])
     speed = np.linalg.norm(np.gradient(s.tip, period, axis=0), axis=1)
-    most = np.array(torque_limits(arm, c) or [np.inf] * arm.n)
+    most = np.array(find_torque_limits(arm, c) or [np.inf] * arm.n)
     shares = {
         "joint_position": (np.maximum(q - high, low - q).max(1), 0.05),
         "motor_speed": (

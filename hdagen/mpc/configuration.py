@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.build_loader import PlantError
-from hdagen.mpc.configuration_schema import KEYS, TABLES, Key, keys
+from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, CONFIGURATION_TABLES, ConfigurationKey, keys_of_table
 from hdagen.support.input_file import InputFileError, read_toml
-from hdagen.support.messages import meant, shown, shown_path
+from hdagen.support.messages import show_path, show_value, suggest_name
 
-UNLIMITED = 1e6
-SLIGHT = 1e-9  # m
+NO_LIMIT = 1e6
+WALL_ROUNDING = 1e-9  # m
 
-LARGEST = 100_000  # bytes of a controller.toml
+MOST_CONFIGURATION_BYTES = 100_000  # bytes of a controller.toml
 MOST_WALLS = 8
-THIN = 1e-8  # m: walls with less room than this between them leave none
+LEAST_WALL_GAP = 1e-8  # m: walls with less room than this between them leave none
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Configuration:
         """The value of "table.key"; its default where none was given."""
         if path in self.values:
             return self.values[path]
-        return next(key.default for key in KEYS if key.path == path)
+        return next(key.default for key in CONFIGURATION_KEYS if key.path == path)
 
     @property
     def grid(self) -> tuple[float, ...]:
@@ -68,7 +68,7 @@ class Configuration:
         """The structure that is compiled into the controller, as `python -m gen build --mpc` takes it."""
         return f"nodes={len(self.grid)},walls={len(self.walls)},space={self['mpc.space']}"
 
-    def changed(self, walls: tuple[Wall, ...] | None = None, **values: Any) -> Configuration:
+    def with_changes(self, walls: tuple[Wall, ...] | None = None, **values: Any) -> Configuration:
         """Copy the configuration with some values replaced.
 
         Args:
@@ -94,9 +94,9 @@ class Configuration:
         if walls is None:
             walls = self.walls
         tables["wall"] = [{**asdict(wall), "normal": list(wall.normal)} for wall in walls]
-        return checked(tables, "configuration")
+        return check_configuration(tables, "configuration")
 
-    def refusals(self, robot: Mapping[str, Any]) -> list[str]:
+    def find_incompatibilities(self, robot: Mapping[str, Any]) -> list[str]:
         """Find the reasons why the configuration does not fit a robot.
 
         Args:
@@ -106,10 +106,10 @@ class Configuration:
             One sentence for each problem.
 
         """
-        return refusals(robot, self)
+        return find_incompatibilities(robot, self)
 
 
-def read(path: str | Path) -> Configuration:
+def read_configuration(path: str | Path) -> Configuration:
     """Read a controller.toml.
 
     Args:
@@ -123,13 +123,13 @@ def read(path: str | Path) -> Configuration:
 
     """
     try:
-        content = read_toml(Path(path), LARGEST, "see docs/mpc.md for what a controller.toml holds")
+        content = read_toml(Path(path), MOST_CONFIGURATION_BYTES, "see docs/mpc.md for what a controller.toml holds")
     except InputFileError as error:
         raise PlantError(error) from None
-    return checked(content, shown_path(path))
+    return check_configuration(content, show_path(path))
 
 
-def checked(content: Mapping[str, Any], where: str) -> Configuration:
+def check_configuration(content: Mapping[str, Any], where: str) -> Configuration:
     """Check the tables of a configuration.
 
     Args:
@@ -146,61 +146,61 @@ def checked(content: Mapping[str, Any], where: str) -> Configuration:
     problems: list[str] = []
     values: dict[str, Any] = {}
     for table, entries in content.items():
-        if table not in TABLES:
-            possible = f"{', '.join(TABLES)}{meant(table, TABLES)}"
+        if table not in CONFIGURATION_TABLES:
+            possible = f"{', '.join(CONFIGURATION_TABLES)}{suggest_name(table, CONFIGURATION_TABLES)}"
             problems.append(f"{where}: unknown table {table[:40]!r}; possible are {possible}.")
         elif table != "wall":
-            _table(where, table, entries, values, problems)
-    walls = _walls(where, content.get("wall", []), problems)
+            _read_table(where, table, entries, values, problems)
+    walls = _read_walls(where, content.get("wall", []), problems)
     if not problems:
-        _contradictions(where, Configuration(values, walls), problems)
+        _find_contradictions(where, Configuration(values, walls), problems)
     if problems:
         raise PlantError("\n".join(problems))
     return Configuration(values, walls)
 
 
-def _table(where: str, table: str, entries: Any, values: dict[str, Any], problems: list[str]) -> None:
-    known = keys(table)
+def _read_table(where: str, table: str, entries: Any, values: dict[str, Any], problems: list[str]) -> None:
+    known = keys_of_table(table)
     if not isinstance(entries, Mapping):
         problems.append(f"{where}: {table} is a table of keys; write [{table}].")
         return
     for name, value in entries.items():
         if name not in known:
-            possible = f"{', '.join(known)}{meant(name, known)}"
+            possible = f"{', '.join(known)}{suggest_name(name, known)}"
             problems.append(f"{where}, {table}: unknown key {name[:40]!r}; possible are {possible}.")
         elif value is not None:
-            found, why = _value(known[name], value)
+            found, why = _convert_value(known[name], value)
             if why:
-                problems.append(f"{where}, {table}.{name}: found {shown(value)}, possible is {why}.")
+                problems.append(f"{where}, {table}.{name}: found {show_value(value)}, possible is {why}.")
             else:
                 values[f"{table}.{name}"] = found
 
 
-def _value(key: Key, value: Any) -> tuple[Any, str]:
+def _convert_value(key: ConfigurationKey, value: Any) -> tuple[Any, str]:
     """The value as it is used, and the possible values where it is not one of them."""
     if key.kind == "text":
         if value in key.choices:
             return value, ""
         return value, " or ".join(f'"{choice}"' for choice in key.choices)
-    span = _span(key)
+    span = _format_span(key)
     if key.kind == "whole":
         if isinstance(value, int) and not isinstance(value, bool) and key.low <= value <= key.high:
             return value, ""
         return value, f"a whole number {span}"
     if key.kind == "number":
-        if _fits(key, value):
+        if _is_in_range(key, value):
             return float(value), ""
         return None, f"a number {span}"
-    if key.kind in ("axes", "joints") and not isinstance(value, list | tuple) and _fits(key, value):
+    if key.kind in ("axes", "joints") and not isinstance(value, list | tuple) and _is_in_range(key, value):
         return float(value), ""
-    listed = isinstance(value, list | tuple) and len(value) > 0 and all(_fits(key, v) for v in value)
+    listed = isinstance(value, list | tuple) and len(value) > 0 and all(_is_in_range(key, v) for v in value)
     if listed and (key.kind != "point" or len(value) == 2):
         return tuple(float(v) for v in value), ""
     nouns = {"numbers": "a list of numbers", "point": "two numbers in brackets"}
     return None, f"{nouns.get(key.kind, 'a number, or a list of them,')} {span}"
 
 
-def _span(key: Key) -> str:
+def _format_span(key: ConfigurationKey) -> str:
     """The range of a key in words."""
     span = f"from {key.low:g} to {key.high:g}"
     if key.open:
@@ -210,13 +210,13 @@ def _span(key: Key) -> str:
     return f"{span} {key.unit}"
 
 
-def _fits(key: Key, value: Any) -> bool:
+def _is_in_range(key: ConfigurationKey, value: Any) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return key.low <= value <= key.high and not (key.open and value == key.low)  # neither NaN nor an endless integer
 
 
-def _walls(where: str, tables: Any, problems: list[str]) -> tuple[Wall, ...]:
+def _read_walls(where: str, tables: Any, problems: list[str]) -> tuple[Wall, ...]:
     if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
         problems.append(f"{where}: walls are tables in a list; write [[wall]], one a wall.")
         return ()
@@ -227,7 +227,7 @@ def _walls(where: str, tables: Any, problems: list[str]) -> tuple[Wall, ...]:
     for k, table in enumerate(tables, 1):
         found: dict[str, Any] = {}
         before = len(problems)
-        _table(f"{where}, wall {k}", "wall", table, found, problems)
+        _read_table(f"{where}, wall {k}", "wall", table, found, problems)
         given = {path.removeprefix("wall."): value for path, value in found.items()}
         problems += [f"{where}, wall {k}: {n} is missing; state it." for n in ("normal", "offset") if n not in table]
         if len(problems) > before:
@@ -245,7 +245,7 @@ def _walls(where: str, tables: Any, problems: list[str]) -> tuple[Wall, ...]:
     return tuple(walls)
 
 
-def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
+def _find_contradictions(where: str, c: Configuration, problems: list[str]) -> None:
     """Problems that no single key shows."""
     grid = c.grid
     if c["mpc.grid"] is not None and "mpc.nodes" in c.values and len(grid) != c["mpc.nodes"]:
@@ -273,7 +273,7 @@ def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
         )
     if c["limits.linear"] + c["limits.square"] <= 0:
         problems.append(f"{where}: limits.linear and limits.square are both 0, so soft limits do not count; raise one.")
-    if _closed(c.walls):
+    if _leave_no_room(c.walls):
         problems.append(f"{where}: the walls leave nothing between them; move one.")
     if c["mpc.grid"] is not None and "mpc.node" in c.values:
         problems.append(f"{where}: mpc.grid says how long each node lasts, and mpc.node too; state one of them.")
@@ -282,17 +282,17 @@ def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
         joints = max(np.size(low), np.size(high))
         problems += [
             f"{where}: limits.joint_low lies above limits.joint_high at joint {j}; correct them."
-            for j, (a, b) in enumerate(zip(each(low, joints), each(high, joints), strict=False), 1)
+            for j, (a, b) in enumerate(zip(expand_values(low, joints), expand_values(high, joints), strict=False), 1)
             if a >= b
         ]
 
 
-def _closed(walls: tuple[Wall, ...]) -> bool:
+def _leave_no_room(walls: tuple[Wall, ...]) -> bool:
     """Whether no point lies behind all walls, by more than rounding."""
-    return nearest([replace(wall, offset=wall.offset - THIN) for wall in walls]) is None
+    return find_least_distance([replace(wall, offset=wall.offset - LEAST_WALL_GAP) for wall in walls]) is None
 
 
-def each(value: Any, count: int) -> list[float]:
+def expand_values(value: Any, count: int) -> list[float]:
     """Give each joint or axis its number.
 
     Args:
@@ -308,7 +308,7 @@ def each(value: Any, count: int) -> list[float]:
     return [float(value)] * count
 
 
-def limits_of(robot: Mapping[str, Any], c: Configuration) -> dict[str, list[float]]:
+def resolve_limits(robot: Mapping[str, Any], c: Configuration) -> dict[str, list[float]]:
     """Take the soft limits of the joints from the configuration, else from the robot file.
 
     Args:
@@ -324,8 +324,8 @@ def limits_of(robot: Mapping[str, Any], c: Configuration) -> dict[str, list[floa
     out: dict[str, list[float]] = {name: [] for name in ("joint_low", "joint_high", "motor_speed", "joint_torque")}
     for joint in joints:
         stated = joint["limits"]
-        low, high = stated["position"] or (-UNLIMITED, UNLIMITED)
-        speed, torque = UNLIMITED, UNLIMITED
+        low, high = stated["position"] or (-NO_LIMIT, NO_LIMIT)
+        speed, torque = NO_LIMIT, NO_LIMIT
         if stated["speed"] is not None:
             speed = stated["speed"] * abs(joint["drive"]["ratio"]["nominal"])
         if stated["torque"] is not None:
@@ -333,10 +333,10 @@ def limits_of(robot: Mapping[str, Any], c: Configuration) -> dict[str, list[floa
         for values, value in zip(out.values(), (low, high, speed, torque), strict=True):
             values.append(value)
     given = {name: c[f"limits.{name}"] for name in out}
-    return out | {name: each(value, len(joints)) for name, value in given.items() if value is not None}
+    return out | {name: expand_values(value, len(joints)) for name, value in given.items() if value is not None}
 
 
-def gains_of(c: Configuration) -> dict[str, float]:
+def list_admittance_gains(c: Configuration) -> dict[str, float]:
     """List the admittance by the names that a Cartesian law has for its gains.
 
     Args:
@@ -348,12 +348,12 @@ def gains_of(c: Configuration) -> dict[str, float]:
     """
     out = dict[str, float]()
     for name in ("mass", "damping", "stiffness"):
-        values = each(c[f"admittance.{name}"], 2)
+        values = expand_values(c[f"admittance.{name}"], 2)
         out |= {f"{name}_{axis}": value for axis, value in zip("xy", values, strict=False)}
     return out
 
 
-def refusals(robot: Mapping[str, Any], c: Configuration) -> list[str]:
+def find_incompatibilities(robot: Mapping[str, Any], c: Configuration) -> list[str]:
     """Find the reasons why a configuration does not fit a robot.
 
     Args:
@@ -364,10 +364,10 @@ def refusals(robot: Mapping[str, Any], c: Configuration) -> list[str]:
         One sentence for each problem.
 
     """
-    found = list(_counts(robot, c))
+    found = list(_find_wrong_counts(robot, c))
     if found:
         return found
-    limits = limits_of(robot, c)
+    limits = resolve_limits(robot, c)
     found += [
         f"limits.joint_low is {low:g} and limits.joint_high {high:g} rad at joint {j}, the robot file's where the "
         f"configuration gives none, and nothing lies between them; correct them."
@@ -383,8 +383,8 @@ def refusals(robot: Mapping[str, Any], c: Configuration) -> list[str]:
             )
     if all(joint["kind"] == "revolute" for joint in robot["joints"]):
         reach = sum(joint["length"]["nominal"] for joint in robot["joints"])
-        away = nearest(c.walls)
-        if away is not None and away > reach + SLIGHT:
+        away = find_least_distance(c.walls)
+        if away is not None and away > reach + WALL_ROUNDING:
             found.append(
                 f"the walls leave only what is {away:.4g} m and more from the base, and the arm is {reach:.4g} m long; "
                 "move one."
@@ -392,13 +392,13 @@ def refusals(robot: Mapping[str, Any], c: Configuration) -> list[str]:
     return found
 
 
-def _counts(robot: Mapping[str, Any], c: Configuration) -> Iterator[str]:
+def _find_wrong_counts(robot: Mapping[str, Any], c: Configuration) -> Iterator[str]:
     """Problems with the length of lists."""
     joints = len(robot["joints"])
     counts = {"axes": joints, "joints": joints}
     if c["mpc.space"] == "tip":
         counts["axes"] = 2
-    for key in KEYS:
+    for key in CONFIGURATION_KEYS:
         if key.kind not in counts:
             continue
         value, count = c[key.path], counts[key.kind]
@@ -406,7 +406,7 @@ def _counts(robot: Mapping[str, Any], c: Configuration) -> Iterator[str]:
             yield f"{key.path} has {len(value)} numbers and there are {count} {key.kind}; give one, or {count}."
 
 
-def nearest(walls: Sequence[Wall]) -> float | None:
+def find_least_distance(walls: Sequence[Wall]) -> float | None:
     """Find how near to the base the walls let the tip come.
 
     The nearest point is the base itself, its foot on a wall, or a crossing of two walls.
@@ -426,6 +426,6 @@ def nearest(walls: Sequence[Wall]) -> float | None:
             points.append(((one * q - other * b) / across, (other * a - one * p) / across))
     distances = []
     for x, y in points:
-        if all(a * x + b * y <= offset + SLIGHT for a, b, offset in lines):
+        if all(a * x + b * y <= offset + WALL_ROUNDING for a, b, offset in lines):
             distances.append(math.hypot(x, y))
     return min(distances, default=None)

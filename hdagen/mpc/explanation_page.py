@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.mpc.compiled_settings import FAMILIES
+from hdagen.mpc.compiled_settings import LIMIT_FAMILIES
 from hdagen.mpc.predictive_controller import RUNGS
 from hdagen.pages import figure, page
-from hdagen.pages.number_table import Cell
+from hdagen.pages.number_table import TableCell
 
 LINK = "ticks"
-MOST = 4000  # rows that are drawn
-STRETCHES = 240  # of time, in which active rows are averaged
+MOST_DRAWN_ROWS = 4000  # rows that are drawn
+TIME_STRETCHES = 240  # of time, in which active rows are averaged
 UNITS = {"joint_position": "rad", "motor_speed": "rad/s", "joint_torque": "N m", "tip_speed": "m/s", "wall": "m"}
 
 
-def write(path: Path, source: str, record: Mapping[str, Array]) -> None:
+def write_record_page(path: Path, source: str, record: Mapping[str, Array]) -> None:
     """Write the page of a run, whole or not at all.
 
     Args:
@@ -32,17 +32,17 @@ def write(path: Path, source: str, record: Mapping[str, Array]) -> None:
         OSError: The page cannot be written.
 
     """
-    sections = [_motion(record), _limits(record), _times(record)]
-    page.write(
+    sections = [_build_motion_section(record), _build_limits_section(record), _build_times_section(record)]
+    page.write_page(
         path,
         f"Predictive control: {source}",
-        verdict(record),
+        format_record_verdict(record),
         sections,
         f"    hdagen mpc explain {shlex.quote(source)}",
     )
 
 
-def verdict(record: Mapping[str, Array]) -> str:
+def format_record_verdict(record: Mapping[str, Array]) -> str:
     """Sum a run up in one sentence.
 
     Args:
@@ -53,8 +53,8 @@ def verdict(record: Mapping[str, Array]) -> str:
 
     """
     whole = 1e6 * (record["prepare_time"] + record["tick_time"])
-    missed = _missed(record)
-    active = sum(record[f"active_{family}"] for family in FAMILIES)
+    missed = _prediction_error(record)
+    active = sum(record[f"active_{family}"] for family in LIMIT_FAMILIES)
     off = int((record["rung"] > 0).sum())
     return (
         f"Over {len(whole)} ticks the plan saw the tip {1e3 * record['ahead'][0]:.0f} ms ahead to within "
@@ -66,19 +66,19 @@ def verdict(record: Mapping[str, Array]) -> str:
     )
 
 
-def _missed(record: Mapping[str, Array]) -> Array:
+def _prediction_error(record: Mapping[str, Array]) -> Array:
     return np.hypot(record["tip_x"] - record["predicted_x"], record["tip_y"] - record["predicted_y"])
 
 
-def _thin(record: Mapping[str, Array]) -> tuple[Array, slice]:
-    rows = slice(None, None, max(1, len(record["time"]) // MOST))
+def _thin_rows(record: Mapping[str, Array]) -> tuple[Array, slice]:
+    rows = slice(None, None, max(1, len(record["time"]) // MOST_DRAWN_ROWS))
     return record["time"][rows], rows
 
 
-def _motion(record: Mapping[str, Array]) -> page.Section:
-    time, rows = _thin(record)
+def _build_motion_section(record: Mapping[str, Array]) -> page.Section:
+    time, rows = _thin_rows(record)
     shown = (("target", "vermilion", "dashed", 1.4), ("path", "ink", "dotted", 1.4), ("tip", "blue", "solid", 2.0))
-    plane = figure.xy(
+    plane = figure.draw_plane(
         "The tip in the plane",
         [
             figure.Curve(name, record[f"{name}_x"][rows], record[f"{name}_y"][rows], time, color, dash, width=width)
@@ -99,7 +99,7 @@ def _motion(record: Mapping[str, Array]) -> page.Section:
         panels.append(figure.Panel(f"{axis} (m)", series))
     off = np.hypot(record["tip_x"] - record["target_x"], record["tip_y"] - record["target_y"])
     apart = [
-        figure.Series("prediction missed", _missed(record)[rows], "green", "solid", width=1.2),
+        figure.Series("prediction missed", _prediction_error(record)[rows], "green", "solid", width=1.2),
         figure.Series("off the target", off[rows], "vermilion", "dashed", width=1.4),
     ]
     panels.append(figure.Panel("distance (m)", apart, height=0.7))
@@ -108,7 +108,7 @@ def _motion(record: Mapping[str, Array]) -> page.Section:
         for axis, color in zip("xy", ("orange", "purple"), strict=True)
     ]
     panels.append(figure.Panel("force (N)", force, height=0.7))
-    drawn = figure.panels("Predicted and real motion", time, panels, link=LINK)
+    drawn = figure.draw_panels("Predicted and real motion", time, panels, link=LINK)
     text = (
         f"Predicted is where the plan that was made {1e3 * record['ahead'][0]:.0f} ms before saw the tip. It "
         f"misses where "
@@ -117,19 +117,19 @@ def _motion(record: Mapping[str, Array]) -> page.Section:
     return page.Section("Motion", text, [plane, drawn])
 
 
-def _active(record: Mapping[str, Array]) -> str:
+def _draw_active_limits(record: Mapping[str, Array]) -> str:
     """How many rows of each family were active, over stretches of time."""
-    count = min(STRETCHES, len(record["time"]))
+    count = min(TIME_STRETCHES, len(record["time"]))
     parts = np.array_split(np.arange(len(record["time"])), count)
     edges = np.append(record["time"][[part[0] for part in parts]], record["time"][-1] + 1e-9)
     means = []
-    for family in FAMILIES:
+    for family in LIMIT_FAMILIES:
         active = record[f"active_{family}"]
         means.append([float(active[part].mean()) for part in parts])
-    return figure.heat(
+    return figure.draw_heat_map(
         "Active limits over time",
         edges,
-        [family.replace("_", " ") for family in FAMILIES],
+        [family.replace("_", " ") for family in LIMIT_FAMILIES],
         means,
         x_label="time (s)",
         y_label="limit",
@@ -138,24 +138,26 @@ def _active(record: Mapping[str, Array]) -> str:
     )
 
 
-def _limits(record: Mapping[str, Array]) -> page.Section:
-    time, rows = _thin(record)
-    figures = [_active(record)]
+def _build_limits_section(record: Mapping[str, Array]) -> page.Section:
+    time, rows = _thin_rows(record)
+    figures = [_draw_active_limits(record)]
     if record["rung"].any():
         rung = figure.Series("rung", record["rung"][rows], "ink", draw="step")
-        figures.append(figure.panels("Rung of the ladder", time, [figure.Panel("rung", [rung], height=0.6)], link=LINK))
-    table: list[list[Cell]] = [
+        figures.append(
+            figure.draw_panels("Rung of the ladder", time, [figure.Panel("rung", [rung], height=0.6)], link=LINK)
+        )
+    table: list[list[TableCell]] = [
         [
             family.replace("_", " "),
             float(record[f"active_{family}"].mean()),
             float(record[f"violated_{family}"].max()),
             UNITS.get(family, ""),
         ]
-        for family in FAMILIES
+        for family in LIMIT_FAMILIES
     ]
     columns = ("limit", "active rows, mean", "largest violation", "unit")
     figures.append(
-        figure.table(
+        figure.draw_table(
             "How often and how far",
             columns,
             table,
@@ -168,8 +170,8 @@ def _limits(record: Mapping[str, Array]) -> page.Section:
     return page.Section("Limits", f"Rows of the plan that stand at their bound or beyond it. Ticks: {ladder}.", figures)
 
 
-def _times(record: Mapping[str, Array]) -> page.Section:
-    time, rows = _thin(record)
+def _build_times_section(record: Mapping[str, Array]) -> page.Section:
+    time, rows = _thin_rows(record)
     panels = [
         figure.Panel(
             "time (s)",
@@ -187,16 +189,16 @@ def _times(record: Mapping[str, Array]) -> page.Section:
             height=0.7,
         ),
     ]
-    drawn = figure.panels("Times and iterations over time", time, panels, link=LINK)
+    drawn = figure.draw_panels("Times and iterations over time", time, panels, link=LINK)
     share = float((record["interior"] > 0).mean())
     text = (
         "Time of the thread's processor. The active set alone was enough in "
         f"{100 * (1 - share):.0f} % of the ticks; the interior point did the others."
     )
-    return page.Section("Solve times", text, [_slower(record), drawn])
+    return page.Section("Solve times", text, [_draw_tick_times(record), drawn])
 
 
-def _slower(record: Mapping[str, Array]) -> str:
+def _draw_tick_times(record: Mapping[str, Array]) -> str:
     """The share of the ticks that take longer than a time."""
     parts = {"whole tick": "ink", "after the measurement": "blue", "before it": "orange"}
     before, after = record["prepare_time"], record["tick_time"]
@@ -204,7 +206,7 @@ def _slower(record: Mapping[str, Array]) -> str:
     for (name, color), times in zip(parts.items(), (before + after, after, before), strict=True):
         taken = np.sort(times[times > 0])
         curves.append(figure.Curve(name, taken, 1.0 - np.arange(len(taken)) / max(1, len(taken)), color=color))
-    return figure.xy(
+    return figure.draw_plane(
         "How many ticks take longer",
         curves,
         x_label="time (s)",

@@ -13,13 +13,13 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.reference_motion import posture
+from hdagen.control.reference_motion import solve_inverse_kinematics
 
-WITHIN, DIRECTIONS = 0.012, 24  # s; directions of the force
+OBSERVED_SECONDS, FORCE_DIRECTIONS = 0.012, 24  # s; directions of the force
 
 
 @dataclass(frozen=True)
-class Jolt:
+class SuddenForceResponse:
     """The tip's largest speed after a force, N, over places and its directions: the largest and the median, m/s, and
     when the largest came, s."""
 
@@ -29,7 +29,7 @@ class Jolt:
     when: float
 
 
-def jolt(arm: Arm, places: Array, force: float) -> Jolt:
+def measure_sudden_force(arm: Arm, places: Array, force: float) -> SuddenForceResponse:
     """Measure the speed of the tip after a sudden force on an arm at rest, whose torques stay unchanged.
 
     Args:
@@ -44,16 +44,16 @@ def jolt(arm: Arm, places: Array, force: float) -> Jolt:
         PlantError: A place is out of reach.
 
     """
-    peaks = [peak(arm, place, force, angle) for place in places for angle in _angles()]
+    peaks = [find_peak_speed(arm, place, force, angle) for place in places for angle in _list_force_angles()]
     speeds = np.array([speed for speed, _ in peaks])
-    return Jolt(force, float(speeds.max()), float(np.median(speeds)), peaks[int(speeds.argmax())][1])
+    return SuddenForceResponse(force, float(speeds.max()), float(np.median(speeds)), peaks[int(speeds.argmax())][1])
 
 
-def _angles() -> Sequence[float]:
-    return [2 * np.pi * k / DIRECTIONS for k in range(DIRECTIONS)]
+def _list_force_angles() -> Sequence[float]:
+    return [2 * np.pi * k / FORCE_DIRECTIONS for k in range(FORCE_DIRECTIONS)]
 
 
-def peak(arm: Arm, place: Array, force: float, angle: float) -> tuple[float, float]:
+def find_peak_speed(arm: Arm, place: Array, force: float, angle: float) -> tuple[float, float]:
     """Find the tip's largest speed after a sudden force.
 
     Args:
@@ -66,18 +66,18 @@ def peak(arm: Arm, place: Array, force: float, angle: float) -> tuple[float, flo
         The speed, m/s, and its time, s.
 
     """
-    x, u = arm.rest(posture(arm, place, np.full(arm.n, 0.5))), np.zeros(arm.nu)
+    x, u = arm.rest(solve_inverse_kinematics(arm, place, np.full(arm.n, 0.5))), np.zeros(arm.nu)
     for axis, share in (("x", np.cos(angle)), ("y", np.sin(angle))):
         u[arm.input_names.index(f"tip_force_{axis}")] = force * share
     speeds = []
-    for _ in range(round(WITHIN / arm.step_size)):
+    for _ in range(round(OBSERVED_SECONDS / arm.step_size)):
         x = arm.step(x, u, exact=True)
         speeds.append(float(np.linalg.norm(arm.outputs(x, u)["tip_velocity"])))
     at = int(np.argmax(speeds))
     return speeds[at], (at + 1) * arm.step_size
 
 
-def line(found: Jolt) -> str:
+def format_sudden_force(found: SuddenForceResponse) -> str:
     """Format the response for a terminal.
 
     Args:

@@ -18,16 +18,16 @@ from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guarded_controller import Controller, Guard, Safe
 from hdagen.control.reference_motion import Reference
-from hdagen.mpc.compiled_settings import FAMILIES, report_names, settings_of, torque_limits
-from hdagen.mpc.configuration import Configuration, Wall, each, gains_of
+from hdagen.mpc.compiled_settings import LIMIT_FAMILIES, find_torque_limits, list_report_parts, pack_settings
+from hdagen.mpc.configuration import Configuration, Wall, expand_values, list_admittance_gains
 
 RUNGS = ("on the plan", "on the last plan, shifted", "held by an impedance", "on the ramp to the safe torque")
 
 
 @dataclass(frozen=True)
-class Report:
-    """The report of a tick. ``active``, ``violated`` and ``foreseen`` by family of limits: rows of the plan at or
-    beyond their bound, the present violation and the plan's largest, SI (negative or 0: none)."""
+class TickReport:
+    """The report of a tick. ``active``, ``violated`` and ``predicted_violation`` by family of limits: rows of the plan
+    at or beyond their bound, the present violation and the plan's largest, SI (negative or 0: none)."""
 
     rung: str
     failures: int
@@ -37,26 +37,26 @@ class Report:
     residual: float
     active: Mapping[str, int]
     violated: Mapping[str, float]
-    foreseen: Mapping[str, float]
+    predicted_violation: Mapping[str, float]
     tip_force: Array  # N, that drives the target
     observed_force: Array  # N, by the momentum observer
     disturbance: Array  # N m at the motors
     innovation: float
     collision: bool
-    yielded: Array
-    x: Array
-    plan: Array  # (nodes, n) N m
-    predicted: Array  # (nodes, states) SI
+    target_displacement: Array
+    state_estimate: Array
+    planned_torque: Array  # (nodes, n) N m
+    predicted_states: Array  # (nodes, states) SI
 
 
 @dataclass(frozen=True)
-class Problem:
+class NonlinearProblem:
     """A tick's nonlinear problem as `python -m gen truth` takes it."""
 
     data: dict[str, Any]
 
 
-class Runs(Protocol):
+class BoundFunction(Protocol):
     """A compiled function bound to its buffers."""
 
     def run(self) -> None:
@@ -64,7 +64,7 @@ class Runs(Protocol):
 
 
 @dataclass(frozen=True)
-class _Through:
+class _WrappedTick:
     run: Callable[[], None]
 
 
@@ -94,15 +94,15 @@ class MPC(Controller):
         module, n, self.nodes = arm.module, arm.n, described["nodes"]
         self.axes, self.gains, self.reference_names = n, dict[str, float](), ("joint_path",)
         if described["space"] == "tip":
-            self.axes, self.gains, self.reference_names = 2, gains_of(c), ("tip_path",)
-        self._buffers(n, module)
+            self.axes, self.gains, self.reference_names = 2, list_admittance_gains(c), ("tip_path",)
+        self._allocate_buffers(n, module)
         self.path = self._reference.reshape(self.nodes + 1, 2 * self.axes)
         self.reference = self._reference
-        self._bind(module)
+        self._bind_functions(module)
         self._given = guard
         self.configure_with(c)
 
-    def _buffers(self, n: int, module: Any) -> None:
+    def _allocate_buffers(self, n: int, module: Any) -> None:
         self._context = np.zeros(module.length("mpc_tick", "controller"), np.uint8)
         self._now = np.zeros(1)
         self.measurement = np.zeros(module.length("mpc_tick", "measurement"))
@@ -110,21 +110,21 @@ class MPC(Controller):
         self.torque: Array = np.zeros(n)
         self._status: NDArray[np.int32] = np.zeros(1, np.int32)
         self._report = np.zeros(module.length("mpc_report", "report"))
-        ends = np.cumsum([0, *(length for _, length in report_names(self.arm))]).tolist()
-        self._parts = {name: slice(*ends[k : k + 2]) for k, (name, _) in enumerate(report_names(self.arm))}
-        self._share()
+        ends = np.cumsum([0, *(length for _, length in list_report_parts(self.arm))]).tolist()
+        self._parts = {name: slice(*ends[k : k + 2]) for k, (name, _) in enumerate(list_report_parts(self.arm))}
+        self._name_channels()
 
-    def _bind(self, module: Any) -> None:
+    def _bind_functions(self, module: Any) -> None:
         buffers = (self._context, self._now, self.measurement)
         self._plain = module.bind("mpc_tick", *buffers, self._reference, self.torque, self._status)
-        self._tick: Runs = self._plain
+        self._tick: BoundFunction = self._plain
         self._prepare = module.bind("mpc_prepare", self._context)
         self._recover = module.bind("mpc_recover", *buffers, self._status)
         self._watchdog = module.bind("mpc_watchdog", self._context, self._now, self.torque, self._status)
         self._say = module.bind("mpc_report", self._context, self._report)
         self._read = "mpc_read"
 
-    def _guard(self, c: Configuration) -> Guard:
+    def _choose_guard(self, c: Configuration) -> Guard:
         """The guard that was given, or one made of the robot file, with the configuration's period and limits."""
         guard = self._given
         if guard is None:
@@ -134,10 +134,10 @@ class MPC(Controller):
             if guard.safe is Safe.HOLD:
                 guard = replace(guard, safe_stiffness=tuple(10 * d for d in damping))
         limits: dict[str, Any] = {}
-        if (torque := torque_limits(self.arm, c)) is not None:
+        if (torque := find_torque_limits(self.arm, c)) is not None:
             limits["torque_limit"] = torque
         if c["limits.torque_rate"] is not None:
-            limits["torque_rate"] = tuple(each(c["limits.torque_rate"], self.arm.n))
+            limits["torque_rate"] = tuple(expand_values(c["limits.torque_rate"], self.arm.n))
         if c["fallback.force_limit"] is not None:
             limits["force_limit"] = c["fallback.force_limit"]
         return replace(guard, period=c["mpc.period"], **limits)
@@ -155,14 +155,14 @@ class MPC(Controller):
         if configuration.structure != self.configuration.structure:
             raise PlantError(f"the configuration needs {configuration.structure}, the controller has "
                              f"{self.configuration.structure}; make a new controller.")  # fmt: skip
-        if problems := configuration.refusals(self.arm.robot):
+        if problems := configuration.find_incompatibilities(self.arm.robot):
             raise PlantError("\n".join(problems))
-        guard = self._guard(configuration)
-        limits = self._limits(guard, problems)
+        guard = self._choose_guard(configuration)
+        limits = self._pack_limits(guard, problems)
         if problems:
             raise PlantError("\n".join(problems))
         whole = np.array([guard.safe.value, guard.stale_stamp_ticks, guard.stale_bits_ticks], np.int32)
-        settings = settings_of(self.arm, configuration)
+        settings = pack_settings(self.arm, configuration)
         call = (self._context, self.arm.p.copy(), settings, whole, limits, self._status)
         configure = self.arm.module.bind("mpc_configure", *call)
         configure.run()
@@ -170,7 +170,7 @@ class MPC(Controller):
             raise PlantError(f"mpc: {self.sentence(int(self._status[0]))}")
         self._configure, self.configuration, self.guard = configure, configuration, guard
 
-    def limit(self, walls: Sequence[Wall] | None = None, **limits: Any) -> None:
+    def move_limits(self, walls: Sequence[Wall] | None = None, **limits: Any) -> None:
         """Move soft limits while the controller runs.
 
         Args:
@@ -184,12 +184,12 @@ class MPC(Controller):
         if walls is None:
             walls = self.configuration.walls
         moved = {f"limits__{name}": value for name, value in limits.items()}
-        c = self.configuration.changed(tuple(walls), **moved)
+        c = self.configuration.with_changes(tuple(walls), **moved)
         if c.structure != self.configuration.structure:
             raise PlantError(f"the controller has {len(self.configuration.walls)} walls; give as many.")
-        if problems := c.refusals(self.arm.robot):
+        if problems := c.find_incompatibilities(self.arm.robot):
             raise PlantError("\n".join(problems))
-        settings = settings_of(self.arm, c)
+        settings = pack_settings(self.arm, c)
         self.arm.module.bind("mpc_limit", self._context, settings, self._status).run()
         if self._status[0]:
             raise PlantError(f"mpc: {self.sentence(int(self._status[0]))}")
@@ -203,7 +203,7 @@ class MPC(Controller):
         """Do the tick on the buffers as they are."""
         self._plain.run()
 
-    def through(self, runs: Callable[[], None] | None) -> None:
+    def wrap_tick(self, runs: Callable[[], None] | None) -> None:
         """Wrap the tick, to observe it from outside.
 
         Args:
@@ -212,7 +212,7 @@ class MPC(Controller):
         """
         self._tick = self._plain
         if runs is not None:
-            self._tick = _Through(runs)
+            self._tick = _WrappedTick(runs)
 
     def rows(self, reference: Reference) -> Array:
         """Sample a reference at every tick and at the end of every node; past its end it goes on straight.
@@ -240,7 +240,7 @@ class MPC(Controller):
         )
         return np.ascontiguousarray(np.concatenate([position, velocity], -1).reshape(count, -1))
 
-    def report(self) -> Report:
+    def report(self) -> TickReport:
         """Read the report of the last tick, before `prepare` is called.
 
         Returns:
@@ -252,19 +252,19 @@ class MPC(Controller):
         r = {name: said[part] for name, part in self._parts.items()}
         whole = {name: int(r[name][0]) for name in ("failures", "solved", "factored", "interior")}
         by = {
-            what: dict(zip(FAMILIES, r[what].tolist(), strict=True))
+            what: dict(zip(LIMIT_FAMILIES, r[what].tolist(), strict=True))
             for what in ("active_of", "violated_by", "foreseen_by")
         }
         active = {name: int(value) for name, value in by["active_of"].items()}
-        return Report(
+        return TickReport(
             RUNGS[int(r["rung"][0])], **whole, residual=float(r["residual"][0]), active=active,
-            violated=by["violated_by"], foreseen=by["foreseen_by"], tip_force=r["tip_force"],
+            violated=by["violated_by"], predicted_violation=by["foreseen_by"], tip_force=r["tip_force"],
             observed_force=r["observed_force"], disturbance=r["disturbance"], innovation=float(r["innovation"][0]),
-            collision=bool(r["collision"][0]), yielded=r["yielded"], x=r["x"],
-            plan=r["plan"].reshape(self.nodes, -1), predicted=r["predicted"].reshape(self.nodes, -1),
+            collision=bool(r["collision"][0]), target_displacement=r["yielded"], state_estimate=r["x"],
+            planned_torque=r["plan"].reshape(self.nodes, -1), predicted_states=r["predicted"].reshape(self.nodes, -1),
         )  # fmt: skip
 
-    def problem(self) -> tuple[Array, Array]:
+    def quadratic_problem(self) -> tuple[Array, Array]:
         """Read the quadratic problem of the last tick.
 
         Returns:
@@ -276,7 +276,7 @@ class MPC(Controller):
         module.bind("mpc_problem", self._context, *found).run()
         return found[0], found[1]
 
-    def header(self) -> str:
+    def format_header(self) -> str:
         """Write the settings and the guard's configuration as C.
 
         Returns:
@@ -284,13 +284,13 @@ class MPC(Controller):
 
         """
         problems: list[str] = []
-        limits = self._limits(self.guard, problems)
+        limits = self._pack_limits(self.guard, problems)
         whole = [self.guard.safe.value, self.guard.stale_stamp_ticks, self.guard.stale_bits_ticks]
 
         def listed(name: str, values: Sequence[float]) -> str:
             return f"static const double {name}[] = {{{', '.join(repr(float(v)) for v in values)}}};\n"
 
-        values = listed("mpc_settings", settings_of(self.arm, self.configuration).tolist())
+        values = listed("mpc_settings", pack_settings(self.arm, self.configuration).tolist())
         values += listed("mpc_guard_real", limits.tolist()) + listed("mpc_guard_whole", whole)
         joints = range(1, self.arm.n + 1)
         values += listed("mpc_ratio", [self.arm.parameters[f"ratio_{j}"] for j in joints])
@@ -298,7 +298,7 @@ class MPC(Controller):
             "mpc_torque_constant", [self.arm.parameters.get(f"torque_constant_{j}", 1.0) for j in joints]
         )
 
-    def whole(self) -> Problem:
+    def nonlinear_problem(self) -> NonlinearProblem:
         """Read the whole nonlinear problem of the last tick.
 
         Returns:
@@ -325,7 +325,7 @@ class MPC(Controller):
             "period": [self.configuration["mpc.period"]],
             "simple": m["simple"],
         }
-        return Problem(data)
+        return NonlinearProblem(data)
 
     def sentence(self, status: int) -> str:
         """Explain a status.

@@ -11,17 +11,17 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.control.reference_motion import Reference
 from hdagen.log import data_table
 from hdagen.log.measured_log import write
-from hdagen.mpc.closed_loop_trial import Outcome, Trial, outcome, trial
+from hdagen.mpc.closed_loop_trial import Trial, TrialOutcome, evaluate_trial, run_trial
 from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.predictive_controller import MPC
-from hdagen.mpc.tick_record import beside, columns
+from hdagen.mpc.tick_record import build_record, find_record_path
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push
 
 
-def simulated(
+def simulate_with_record(
     arm: Arm, c: Configuration, path: Reference, pushes: Sequence[Push], sensors: Sensors, seed: int, out: Path
-) -> tuple[Trial, Outcome | None]:
+) -> tuple[Trial, TrialOutcome | None]:
     """Simulate a closed loop, and write its log and the controller's record beside it.
 
     Args:
@@ -42,15 +42,15 @@ def simulated(
 
     """
     controller = MPC(arm, c)
-    found = trial(arm, controller, path, pushes, sensors, c.walls, seed)
+    found = run_trial(arm, controller, path, pushes, sensors, c.walls, seed)
     write(found.simulation.log, out)
-    data_table.write(columns(arm, found, path, c.grid), beside(out))
+    data_table.write_table(build_record(arm, found, path, c.grid), find_record_path(out))
     if c["mpc.space"] != "tip":
         return found, None
-    return found, outcome(arm, c, path, found, controller)
+    return found, evaluate_trial(arm, c, path, found, controller)
 
 
-def lines(found: Trial, result: Outcome | None) -> list[str]:
+def format_simulated_run(found: Trial, result: TrialOutcome | None) -> list[str]:
     """Format a run for a terminal.
 
     Args:

@@ -12,12 +12,12 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.control.reference_motion import Reference
 from hdagen.log import data_table
 from hdagen.log.data_table import LogError
-from hdagen.log.measured_log import LARGEST
+from hdagen.log.measured_log import MOST_LOG_BYTES
 from hdagen.mpc.closed_loop_trial import Trial
-from hdagen.mpc.compiled_settings import FAMILIES
+from hdagen.mpc.compiled_settings import LIMIT_FAMILIES
 from hdagen.support.input_file import InputFileError, check_file
 
-COLUMNS = (
+RECORD_COLUMNS = (
     "time",
     "tip_x",
     "tip_y",
@@ -41,7 +41,7 @@ COLUMNS = (
 )
 
 
-def beside(log: Path) -> Path:
+def find_record_path(log: Path) -> Path:
     """Name the record of a log.
 
     Args:
@@ -54,7 +54,7 @@ def beside(log: Path) -> Path:
     return log.with_suffix(".mpc.parquet")
 
 
-def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) -> dict[str, Array]:
+def build_record(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) -> dict[str, Array]:
     """Build the record of a run, one row a tick.
 
     Args:
@@ -74,7 +74,7 @@ def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) ->
     names = arm.manifest["mpc"]["state"]
     node = len(grid) // 2
     ahead = float(sum(grid[: node + 1]))
-    q = np.array([r.predicted[node] for r in reports])[
+    q = np.array([r.predicted_states[node] for r in reports])[
         :, [names.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
     ]
     seen = arm.evaluate("points", q=q)["points"][:, -2:]
@@ -82,7 +82,7 @@ def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) ->
     predicted = np.full_like(seen, np.nan)
     predicted[late:] = seen[: len(seen) - late]
     out: dict[str, Array] = {"time": path.time, "tip_x": s.tip[:, 0], "tip_y": s.tip[:, 1]}
-    wanted = path.position + np.array([r.yielded for r in reports])[:, : path.position.shape[1]]
+    wanted = path.position + np.array([r.target_displacement for r in reports])[:, : path.position.shape[1]]
     ways = {"path": path.position, "target": wanted}
     if path.space == "joint":
         ways = {name: arm.evaluate("points", q=way)["points"][:, -2:] for name, way in ways.items()}
@@ -94,13 +94,13 @@ def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) ->
         out[name] = np.array([float(getattr(r, name)) for r in reports])
     out |= {"prepare_time": found.times[:, 0], "tick_time": found.times[:, 1]}
     out |= {"tip_force_x": s.push[:, 0], "tip_force_y": s.push[:, 1]}
-    for family in FAMILIES:
+    for family in LIMIT_FAMILIES:
         out[f"active_{family}"] = np.array([float(r.active[family]) for r in reports])
         out[f"violated_{family}"] = np.array([max(0.0, r.violated[family]) for r in reports])
     return {name: np.ascontiguousarray(values, float) for name, values in out.items()}
 
 
-def read(path: Path) -> dict[str, Array]:
+def read_record(path: Path) -> dict[str, Array]:
     """Read the record of a log.
 
     Args:
@@ -115,16 +115,16 @@ def read(path: Path) -> dict[str, Array]:
     """
     place = path
     if path.name and not path.name.endswith(".mpc.parquet"):
-        place = beside(path)
+        place = find_record_path(path)
     try:
         check_file(
             place,
-            LARGEST,
+            MOST_LOG_BYTES,
             "`hdagen simulate --controller mpc` writes the predictive controller's record of a log",
         )
     except InputFileError as error:
         raise LogError([str(error)]) from None
-    expected = [*COLUMNS, *(f"{what}_{family}" for what in ("active", "violated") for family in FAMILIES)]
+    expected = [*RECORD_COLUMNS, *(f"{what}_{family}" for what in ("active", "violated") for family in LIMIT_FAMILIES)]
     content = data_table.read_parquet(place, lambda name: name in expected).columns
     missing = [name for name in expected if name not in content]
     if missing:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdagen.pages.decimation import Array
-from hdagen.pages.quantity import RAISED, Quantity, fixed, quantity
+from hdagen.pages.quantity import SUPERSCRIPTS, Quantity, format_fixed, scale_quantity
 
-SLACK = 0.01  # of a step: a record of 9.999 s still ends at a tick of 10 s
+TICK_SLACK = 0.01  # of a step: a record of 9.999 s still ends at a tick of 10 s
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Axis:
     quantity: Quantity
     log: bool = False
 
-    def place(self, values: Array, pixels: float) -> Array:
+    def to_pixels(self, values: Array, pixels: float) -> Array:
         """Turn values into distances from the low end of the axis.
 
         Args:
@@ -51,10 +51,10 @@ class Axis:
 
         """
         if self.log and self.high / self.low >= 10:
-            return _decades(self, count)
-        return _steps(self, count)
+            return _list_decade_ticks(self, count)
+        return _list_step_ticks(self, count)
 
-    def widened(self, span: float) -> Axis:
+    def with_span(self, span: float) -> Axis:
         """Change the length of the axis and keep its middle.
 
         Args:
@@ -68,7 +68,7 @@ class Axis:
         return replace(self, low=middle - span / 2, high=middle + span / 2)
 
 
-def fit(label: str, columns: Sequence[Array], *, log: bool = False, margin: float = 0.05) -> Axis:
+def fit_axis(label: str, columns: Sequence[Array], *, log: bool = False, margin: float = 0.05) -> Axis:
     """Choose the axis that holds all finite values (all positive ones on a logarithmic axis).
 
     Args:
@@ -84,16 +84,16 @@ def fit(label: str, columns: Sequence[Array], *, log: bool = False, margin: floa
     values = np.concatenate([np.ravel(column) for column in columns] or [np.zeros(0)])
     values = values[np.isfinite(values) & ((values > 0) | (not log))]
     if values.size == 0 and log:
-        return Axis(0.1, 1.0, quantity(label, 1.0), log)
+        return Axis(0.1, 1.0, scale_quantity(label, 1.0), log)
     if values.size == 0:
-        return Axis(0.0, 1.0, quantity(label, 1.0), log)
+        return Axis(0.0, 1.0, scale_quantity(label, 1.0), log)
     low, high = float(values.min()), float(values.max())
     if log:
         spare = 2.0
         if high > low:
             spare = (high / low) ** margin
-        return Axis(low / spare, high * spare, quantity(label, 1.0), True)
-    named = quantity(label, max(abs(low), abs(high)))
+        return Axis(low / spare, high * spare, scale_quantity(label, 1.0), True)
+    named = scale_quantity(label, max(abs(low), abs(high)))
     span = high - low
     if span <= 1e-9 * max(abs(low), abs(high)):  # constant: a picture of rounding errors would mislead
         half = max(abs(low), abs(high)) / 2 or 1.0
@@ -101,7 +101,7 @@ def fit(label: str, columns: Sequence[Array], *, log: bool = False, margin: floa
     return Axis(low - margin * span, high + margin * span, named)
 
 
-def _steps(axis: Axis, count: int) -> list[tuple[float, str]]:
+def _list_step_ticks(axis: Axis, count: int) -> list[tuple[float, str]]:
     """Multiples of 1, 2 or 5 times a power of ten, at least two of them."""
     factor = axis.quantity.factor
     low, high = axis.low * factor, axis.high * factor
@@ -109,11 +109,11 @@ def _steps(axis: Axis, count: int) -> list[tuple[float, str]]:
     power = math.floor(math.log10(rough))
     step = max(step for step in (1, 2, 5, 10) if step * 10.0**power <= 1.5 * rough) * 10.0**power
     decimals = max(0, -math.floor(math.log10(step) + 1e-9))
-    first, last = math.ceil(low / step - SLACK), math.floor(high / step + SLACK)
-    return [(at * step / factor, fixed(at * step, decimals)) for at in range(first, last + 1)]
+    first, last = math.ceil(low / step - TICK_SLACK), math.floor(high / step + TICK_SLACK)
+    return [(at * step / factor, format_fixed(at * step, decimals)) for at in range(first, last + 1)]
 
 
-def _decades(axis: Axis, count: int) -> list[tuple[float, str]]:
+def _list_decade_ticks(axis: Axis, count: int) -> list[tuple[float, str]]:
     """Powers of ten; with 2 and 5 between them where there is room, and with some left out where there is not."""
     first, last = math.ceil(math.log10(axis.low) - 1e-9), math.floor(math.log10(axis.high) + 1e-9)
     decades = last - first + 1
@@ -122,13 +122,13 @@ def _decades(axis: Axis, count: int) -> list[tuple[float, str]]:
     else:
         values = [(1, power) for power in range(first, last + 1, max(1, math.ceil(decades / max(count, 1))))]
     plain = first >= -3 and last <= 4
-    return [(m * 10.0**p, _power_text(m, p, plain)) for m, p in values]
+    return [(m * 10.0**p, _format_power(m, p, plain)) for m, p in values]
 
 
-def _power_text(mantissa: int, power: int, plain: bool) -> str:
+def _format_power(mantissa: int, power: int, plain: bool) -> str:
     if plain or power == 0:
-        return fixed(mantissa * 10.0**power, max(0, -power))
-    raised = f"10{str(power).translate(RAISED)}"
+        return format_fixed(mantissa * 10.0**power, max(0, -power))
+    raised = f"10{str(power).translate(SUPERSCRIPTS)}"
     if mantissa == 1:
         return raised
     return f"{mantissa}·{raised}"

@@ -8,8 +8,8 @@ import numpy as np
 
 from hdagen.pages import frame
 from hdagen.pages.frame import LAYOUTS, WIDE
-from hdagen.pages.plot import Plot, arrange
-from hdagen.pages.quantity import number
+from hdagen.pages.plot import Plot, arrange_plots
+from hdagen.pages.quantity import format_number
 
 
 def draw_plots(title: str, plots: Sequence[Plot], columns: int, *, limit: float, shared: bool) -> str:
@@ -33,8 +33,8 @@ def draw_plots(title: str, plots: Sequence[Plot], columns: int, *, limit: float,
             height, beside = 150.0, columns
         if not shared:
             height *= 1.6
-        body, width, tall = arrange(plots, layout, columns=beside, height=height, limit=limit, shared_x=shared)
-        drawings.append(frame.drawing(layout, width, tall, words, body))
+        body, width, tall = arrange_plots(plots, layout, columns=beside, height=height, limit=limit, shared_x=shared)
+        drawings.append(frame.build_svg(layout, width, tall, words, body))
     return "".join(drawings)
 
 
@@ -85,5 +85,5 @@ def tabulate_curves(plots: Sequence[Plot]) -> str:
             found = [np.nan] * 4
             if values.size:
                 found = [values.min(), values.max(), values.mean(), np.sqrt(np.mean(values**2))]
-            rows.append([name, plot.y.quantity.unit, *(number(float(value)) for value in found)])
-    return frame.rows_table(("curve", "unit", "smallest", "largest", "mean", "rms"), rows)
+            rows.append([name, plot.y.quantity.unit, *(format_number(float(value)) for value in found)])
+    return frame.build_rows_table(("curve", "unit", "smallest", "largest", "mean", "rms"), rows)

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdagen.pages import frame
-from hdagen.pages.axis import Axis, fit
+from hdagen.pages.axis import Axis, fit_axis
 from hdagen.pages.curve_drawing import draw_plots, note_kept_samples, tabulate_curves
-from hdagen.pages.decimation import Array, kept, samples
-from hdagen.pages.embedded_data import embedded
-from hdagen.pages.palette import CYCLE, DASH_CYCLE, DASHES
+from hdagen.pages.decimation import Array, as_samples, choose_rows
+from hdagen.pages.embedded_data import embed_plots
+from hdagen.pages.palette import COLOR_CYCLE, DASH_CYCLE, DASH_PATTERNS
 from hdagen.pages.plot import Plot, Trace
 
-NUMBERS = 48_000  # that travel with a figure, about: 5.3 characters each keep a page of twenty figures below 5 MB
-DRAWS = ("line", "step", "points")
-Band = tuple[float, float, str]
+MOST_NUMBERS = 48_000  # that travel with a figure, about: 5.3 characters each keep a page of twenty figures below 5 MB
+DRAW_STYLES = ("line", "step", "points")
+AxisBand = tuple[float, float, str]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Series:
     """A curve over its panel's x. ``y`` (T,) in base units; NaN leaves a gap; ``band_of`` = (low, high), each (T,).
 
     ``draw`` is "line", "step" (held until the next sample, as a command is) or "points". Colour and dash follow the
-    order of the series unless named (see ``palette.COLORS``, ``palette.DASHES``).
+    order of the series unless named (see ``palette.COLORS``, ``palette.DASH_PATTERNS``).
     """
 
     label: str
@@ -73,14 +73,14 @@ class Plane:
     marks: Sequence[tuple[float, float, str]] = ()
 
 
-def lines(
+def draw_lines(
     title: str,
     x: ArrayLike,
     series: Sequence[Series],
     *,
     y_label: str,
     x_label: str = "time (s)",
-    bands: Sequence[Band] = (),
+    bands: Sequence[AxisBand] = (),
     levels: Sequence[tuple[float, str]] = (),
     log_x: bool = False,
     log_y: bool = False,
@@ -103,23 +103,23 @@ def lines(
         link: Figures of one link share cursor and zoom.
 
     Returns:
-        The ``figure`` element.
+        The ``build_figure`` element.
 
     Raises:
         ValueError: Lengths differ, or x runs backwards.
 
     """
     panel = Panel(y_label, series, levels=levels, log=log_y, height=1.6)
-    return panels(title, x, [panel], x_label=x_label, bands=bands, log_x=log_x, caption=caption, link=link)
+    return draw_panels(title, x, [panel], x_label=x_label, bands=bands, log_x=log_x, caption=caption, link=link)
 
 
-def panels(
+def draw_panels(
     title: str,
     x: ArrayLike,
     panels: Sequence[Panel],
     *,
     x_label: str = "time (s)",
-    bands: Sequence[Band] = (),
+    bands: Sequence[AxisBand] = (),
     columns: int = 1,
     share_y: bool = False,
     log_x: bool = False,
@@ -141,34 +141,34 @@ def panels(
         link: Figures of one link share cursor and zoom.
 
     Returns:
-        The ``figure`` element.
+        The ``build_figure`` element.
 
     Raises:
         ValueError: Lengths differ, or x runs backwards.
 
     """
-    base = _ascending(title, x)
-    x_axis = fit(x_label, [base], log=log_x, margin=0.0)
+    base = _check_ascending(title, x)
+    x_axis = fit_axis(x_label, [base], log=log_x, margin=0.0)
     full = [_panel_plot(title, base, x_axis, panel, bands) for panel in panels]
     if share_y:
         axes = [plot.y for plot in full]
-        full = [replace(plot, y=_widest(axes, plot.y)) for plot in full]
-    columns_of_all = [column for plot in full for column in _columns(plot)]
-    rows = kept(x_axis.place(base, 1.0), columns_of_all, NUMBERS // (len(columns_of_all) + 1))
+        full = [replace(plot, y=_share_axis(axes, plot.y)) for plot in full]
+    columns_of_all = [column for plot in full for column in _list_columns(plot)]
+    rows = choose_rows(x_axis.to_pixels(base, 1.0), columns_of_all, MOST_NUMBERS // (len(columns_of_all) + 1))
     plots = [_with_rows(plot, [rows] * len(plot.traces)) for plot in full]
-    return frame.figure(
+    return frame.build_figure(
         "curves",
         title,
         draw_plots(title, plots, columns, limit=1e9, shared=True),
         caption=caption,
         note=note_kept_samples(rows.size, base.size),
         numbers=tabulate_curves(full),
-        data=embedded(plots, shared=True),
+        data=embed_plots(plots, shared=True),
         link=link,
     )
 
 
-def xy(
+def draw_plane(
     title: str,
     curves: Sequence[Curve],
     *,
@@ -196,13 +196,13 @@ def xy(
         link: Figures of one link share the time under the cursor.
 
     Returns:
-        The ``figure`` element.
+        The ``build_figure`` element.
 
     Raises:
         ValueError: The x, y and time of a curve differ in length.
 
     """
-    return planes(
+    return draw_planes(
         title,
         [Plane(curves, marks=marks)],
         x_label=x_label,
@@ -215,7 +215,7 @@ def xy(
     )
 
 
-def planes(
+def draw_planes(
     title: str,
     planes: Sequence[Plane],
     *,
@@ -243,7 +243,7 @@ def planes(
         link: Figures of one link share the time under the cursor.
 
     Returns:
-        The ``figure`` element.
+        The ``build_figure`` element.
 
     Raises:
         ValueError: The x, y and time of a curve differ in length.
@@ -252,9 +252,9 @@ def planes(
     full = [_plane_traces(title, plane) for plane in planes]
     every = [trace for mine in full for trace in mine]
     marks = [mark for plane in planes for mark in plane.marks]
-    x_axis = fit(x_label, [trace.x for trace in every] + [samples([mark[0] for mark in marks])], log=log_x)
-    y_axis = fit(y_label, [trace.y for trace in every] + [samples([mark[1] for mark in marks])], log=log_y)
-    share, even = NUMBERS // max(3 * len(every), 1), equal and not (log_x or log_y)
+    x_axis = fit_axis(x_label, [trace.x for trace in every] + [as_samples([mark[0] for mark in marks])], log=log_x)
+    y_axis = fit_axis(y_label, [trace.y for trace in every] + [as_samples([mark[1] for mark in marks])], log=log_y)
+    share, even = MOST_NUMBERS // max(3 * len(every), 1), equal and not (log_x or log_y)
     plots = []
     for plane, mine in zip(planes, full, strict=True):
         plot = Plot(plane.heading, x_axis, y_axis, mine, marks=tuple(plane.marks), equal=even)
@@ -265,12 +265,12 @@ def planes(
         limit = 440.0
     drawings = draw_plots(title, plots, columns, limit=limit, shared=False)
     note = note_kept_samples(size, sum(trace.x.size for trace in every))
-    data = embedded(plots, shared=False)
-    return frame.figure("curves", title, drawings, caption=caption, note=note, data=data, link=link)
+    data = embed_plots(plots, shared=False)
+    return frame.build_figure("curves", title, drawings, caption=caption, note=note, data=data, link=link)
 
 
-def _ascending(title: str, x: ArrayLike) -> Array:
-    values = samples(x)
+def _check_ascending(title: str, x: ArrayLike) -> Array:
+    values = as_samples(x)
     if np.isnan(values).any():
         at = int(np.argmax(np.isnan(values)))
         raise ValueError(f"figure {title!r}: x is not a finite number at sample {at}; leave such samples out")
@@ -283,15 +283,15 @@ def _ascending(title: str, x: ArrayLike) -> Array:
     return values
 
 
-def _styled(title: str, line: Series | Curve, at: int) -> tuple[str, str]:
+def _choose_style(title: str, line: Series | Curve, at: int) -> tuple[str, str]:
     """Colour and dash of the ``at``-th curve of a plot; the dash changes with every curve, so neither stands alone."""
-    for name, value, known in (("draw", line.draw, DRAWS), ("dash", line.dash or "solid", tuple(DASHES))):
+    for name, value, known in (("draw", line.draw, DRAW_STYLES), ("dash", line.dash or "solid", tuple(DASH_PATTERNS))):
         if value not in known:
             raise ValueError(f"figure {title!r}, curve {line.label!r}: {name} is {value!r}; use {', '.join(known)}")
-    return line.color or CYCLE[at % len(CYCLE)], line.dash or DASH_CYCLE[at % len(DASH_CYCLE)]
+    return line.color or COLOR_CYCLE[at % len(COLOR_CYCLE)], line.dash or DASH_CYCLE[at % len(DASH_CYCLE)]
 
 
-def _equal_lengths(title: str, label: str, x: Array, named: dict[str, Array]) -> None:
+def _check_lengths(title: str, label: str, x: Array, named: dict[str, Array]) -> None:
     for name, values in named.items():
         if values.size != x.size:
             raise ValueError(
@@ -300,57 +300,57 @@ def _equal_lengths(title: str, label: str, x: Array, named: dict[str, Array]) ->
             )
 
 
-def _over(title: str, x: Array, series: Series, at: int) -> Trace:
-    y, spread = samples(series.y), None
-    _equal_lengths(title, series.label, x, {"y": y})
+def _trace_series(title: str, x: Array, series: Series, at: int) -> Trace:
+    y, spread = as_samples(series.y), None
+    _check_lengths(title, series.label, x, {"y": y})
     if series.band_of:
-        spread = samples(series.band_of[0]), samples(series.band_of[1])
-        _equal_lengths(title, series.label, x, {"band_of low": spread[0], "band_of high": spread[1]})
-    color, dash = _styled(title, series, at)
+        spread = as_samples(series.band_of[0]), as_samples(series.band_of[1])
+        _check_lengths(title, series.label, x, {"band_of low": spread[0], "band_of high": spread[1]})
+    color, dash = _choose_style(title, series, at)
     return Trace(series.label, x, y, spread, None, color, dash, series.draw, series.width)
 
 
-def _in_plane(title: str, curve: Curve, at: int) -> Trace:
-    x, y, time = samples(curve.x), samples(curve.y), None
-    _equal_lengths(title, curve.label, x, {"y": y})
+def _trace_curve(title: str, curve: Curve, at: int) -> Trace:
+    x, y, time = as_samples(curve.x), as_samples(curve.y), None
+    _check_lengths(title, curve.label, x, {"y": y})
     if curve.time is not None:
-        time = samples(curve.time)
-        _equal_lengths(title, curve.label, x, {"time": time})
-    color, dash = _styled(title, curve, at)
+        time = as_samples(curve.time)
+        _check_lengths(title, curve.label, x, {"time": time})
+    color, dash = _choose_style(title, curve, at)
     return Trace(curve.label, x, y, None, time, color, dash, curve.draw, curve.width)
 
 
-def _columns(plot: Plot) -> list[Array]:
+def _list_columns(plot: Plot) -> list[Array]:
     return [column for trace in plot.traces for column in (trace.y, *(trace.spread or ()))]
 
 
-def _panel_plot(title: str, x: Array, x_axis: Axis, panel: Panel, bands: Sequence[Band]) -> Plot:
+def _panel_plot(title: str, x: Array, x_axis: Axis, panel: Panel, bands: Sequence[AxisBand]) -> Plot:
     """The plot of a panel with all its samples; the words of bands need room above the curves."""
-    traces = tuple(_over(title, x, series, at) for at, series in enumerate(panel.series))
+    traces = tuple(_trace_series(title, x, series, at) for at, series in enumerate(panel.series))
     plot = Plot(panel.heading, x_axis, x_axis, traces, tuple(bands), tuple(panel.levels), height=panel.height)
-    levels = samples([value for value, _ in panel.levels])
-    axis = fit(panel.y_label, [*_columns(plot), levels], log=panel.log)
+    levels = as_samples([value for value, _ in panel.levels])
+    axis = fit_axis(panel.y_label, [*_list_columns(plot), levels], log=panel.log)
     if not panel.log and any(words for _, _, words in bands):
         axis = replace(axis, high=axis.high + 0.09 * (axis.high - axis.low))
     return replace(plot, y=axis)
 
 
 def _plane_traces(title: str, plane: Plane) -> tuple[Trace, ...]:
-    return tuple(_in_plane(title, curve, at) for at, curve in enumerate(plane.curves))
+    return tuple(_trace_curve(title, curve, at) for at, curve in enumerate(plane.curves))
 
 
 def _path_rows(trace: Trace, share: int) -> NDArray[np.intp]:
     """The rows of a path that travel with the page, of about ``share``."""
-    return kept(np.arange(trace.x.size, dtype=np.float64), [trace.x, trace.y], share)
+    return choose_rows(np.arange(trace.x.size, dtype=np.float64), [trace.x, trace.y], share)
 
 
 def _with_rows(plot: Plot, rows: Sequence[NDArray[np.intp]]) -> Plot:
     """The plot with some rows of each trace."""
-    traces = (_taken(trace, chosen) for trace, chosen in zip(plot.traces, rows, strict=True))
+    traces = (_take_rows(trace, chosen) for trace, chosen in zip(plot.traces, rows, strict=True))
     return replace(plot, traces=tuple(traces))
 
 
-def _taken(trace: Trace, rows: NDArray[np.intp]) -> Trace:
+def _take_rows(trace: Trace, rows: NDArray[np.intp]) -> Trace:
     spread, time = trace.spread, trace.time
     if spread:
         spread = spread[0][rows], spread[1][rows]
@@ -359,7 +359,7 @@ def _taken(trace: Trace, rows: NDArray[np.intp]) -> Trace:
     return replace(trace, x=trace.x[rows], y=trace.y[rows], spread=spread, time=time)
 
 
-def _widest(axes: Sequence[Axis], axis: Axis) -> Axis:
+def _share_axis(axes: Sequence[Axis], axis: Axis) -> Axis:
     """One axis for all that measure the same; the largest prefix wins."""
     alike = [other for other in axes if other.quantity.base_label == axis.quantity.base_label and other.log == axis.log]
     named = min(alike, key=lambda other: other.quantity.factor)

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-LARGEST = 1e37  # what lies beyond cannot be packed in 32 bits: it is a gap, and what is smaller than its inverse is 0
+LARGEST_DRAWN = (
+    1e37  # what lies beyond cannot be packed in 32 bits: it is a gap, and what is smaller than its inverse is 0
+)
 
 
-def samples(values: ArrayLike) -> Array:
+def as_samples(values: ArrayLike) -> Array:
     """Take numbers as samples of a drawing.
 
     Args:
@@ -23,10 +25,10 @@ def samples(values: ArrayLike) -> Array:
     """
     flat = np.asarray(values, dtype=np.float64).ravel()
     size = np.abs(flat)
-    return np.where(size < LARGEST, np.where(size < 1 / LARGEST, 0.0, flat), np.nan)
+    return np.where(size < LARGEST_DRAWN, np.where(size < 1 / LARGEST_DRAWN, 0.0, flat), np.nan)
 
 
-def extremes(position: Array, columns: list[Array], stretches: int) -> NDArray[np.intp]:
+def find_extreme_rows(position: Array, columns: list[Array], stretches: int) -> NDArray[np.intp]:
     """Find the rows that a drawing needs: first and last, and each column's extremes and first gap in every stretch.
 
     Args:
@@ -62,7 +64,7 @@ def extremes(position: Array, columns: list[Array], stretches: int) -> NDArray[n
     return np.flatnonzero(keep)
 
 
-def kept(position: Array, columns: list[Array], limit: int) -> NDArray[np.intp]:
+def choose_rows(position: Array, columns: list[Array], limit: int) -> NDArray[np.intp]:
     """Choose rows that travel with a page: the extremes of as many stretches as fit, then evenly spaced ones.
 
     Args:
@@ -76,12 +78,12 @@ def kept(position: Array, columns: list[Array], limit: int) -> NDArray[np.intp]:
     """
     if position.size <= limit:
         return np.arange(position.size)
-    chosen = extremes(position, columns, max(limit // (4 * max(len(columns), 1)), 1))
+    chosen = find_extreme_rows(position, columns, max(limit // (4 * max(len(columns), 1)), 1))
     evenly = np.linspace(0, position.size - 1, max(limit - chosen.size, 2)).round().astype(np.intp)
     return np.union1d(chosen, evenly)
 
 
-def packed(values: Array) -> str:
+def pack_floats(values: Array) -> str:
     """Pack numbers as text; seven digits are more than any figure shows.
 
     Args:

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from hdagen.pages.axis import Axis
-from hdagen.pages.decimation import Array, packed
+from hdagen.pages.decimation import Array, pack_floats
 from hdagen.pages.plot import Plot
 
 
-def embedded(plots: Sequence[Plot], *, shared: bool) -> dict[str, object]:
+def embed_plots(plots: Sequence[Plot], *, shared: bool) -> dict[str, object]:
     """Collect the numbers of plots for the script.
 
     A column's values are ``start`` plus its packed floats: far from zero, as a clock's time of day is, the differences
@@ -31,7 +31,7 @@ def embedded(plots: Sequence[Plot], *, shared: bool) -> dict[str, object]:
         finite, start = values[~np.isnan(values)], 0.0
         if finite.size > 0 and abs(finite[0]) > 10 * np.ptp(finite):
             start = float(finite[0])
-        columns.append({"label": label, "start": start, "data": packed(values - start)})
+        columns.append({"label": label, "start": start, "data": pack_floats(values - start)})
         return len(columns) - 1
 
     described = []
@@ -54,10 +54,10 @@ def embedded(plots: Sequence[Plot], *, shared: bool) -> dict[str, object]:
             if trace.time is not None:
                 curve["time"] = column(f"{of}time (s)", trace.time)
             curves.append(curve | {"label": trace.label, "color": trace.color, "draw": trace.draw})
-        axes = {"x": _axis(plot.x), "y": _axis(plot.y), "equal": plot.equal}
+        axes = {"x": _describe_axis(plot.x), "y": _describe_axis(plot.y), "equal": plot.equal}
         described.append({"heading": plot.heading, "curves": curves} | axes)
     return {"shared": shared, "columns": columns, "plots": described}
 
 
-def _axis(axis: Axis) -> dict[str, object]:
+def _describe_axis(axis: Axis) -> dict[str, object]:
     return {"name": axis.quantity.name, "unit": axis.quantity.unit, "factor": axis.quantity.factor, "log": axis.log}

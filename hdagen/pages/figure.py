@@ -7,18 +7,30 @@ can be saved as SVG, and its numbers as CSV in base units.
 
 from collections.abc import Sequence
 
-from hdagen.pages.bar_chart import Bars, bars
-from hdagen.pages.curves import Curve, Panel, Plane, Series, lines, panels, planes, xy
-from hdagen.pages.heat_map import heat
-from hdagen.pages.markup import tag
-from hdagen.pages.number_table import table
+from hdagen.pages.bar_chart import BarGroup, draw_bars
+from hdagen.pages.curves import Curve, Panel, Plane, Series, draw_lines, draw_panels, draw_plane, draw_planes
+from hdagen.pages.heat_map import draw_heat_map
+from hdagen.pages.markup import build_element
+from hdagen.pages.number_table import draw_table
 
 __all__ = [
-    "Bars", "Curve", "Panel", "Plane", "Series", "abreast", "bars", "heat", "lines", "panels", "planes", "table", "xy",
+    "BarGroup",
+    "Curve",
+    "Panel",
+    "Plane",
+    "Series",
+    "draw_bars",
+    "draw_heat_map",
+    "draw_lines",
+    "draw_panels",
+    "draw_plane",
+    "draw_planes",
+    "draw_table",
+    "place_abreast",
 ]  # fmt: skip
 
 
-def abreast(figures: Sequence[str]) -> str:
+def place_abreast(figures: Sequence[str]) -> str:
     """Place figures beside each other, as many in a row as there is room for.
 
     Args:
@@ -28,4 +40,4 @@ def abreast(figures: Sequence[str]) -> str:
         Markup of the group.
 
     """
-    return tag("div", *figures, class_="abreast")
+    return build_element("div", *figures, class_="abreast")

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hdagen.pages import markup
-from hdagen.pages.markup import clean, escape, tag
-from hdagen.pages.palette import COLORS, PAPER
+from hdagen.pages.markup import build_element, escape_html, replace_unprintable
+from hdagen.pages.palette import COLORS, PAPER_COLOR
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,16 @@ NARROW = Layout("narrow", 360.0, 12.0)
 LAYOUTS = (WIDE, NARROW)
 _LETTER_WIDTHS = dict.fromkeys("iIl.,:;'|!()[]· ", 0.34) | dict.fromkeys("mwMW—", 0.9)  # in heights of the letters
 _LETTER_WIDTH = 0.6  # of every other letter
-_HALO = {"class_": "halo", "stroke": PAPER, "stroke_width": 3, "paint_order": "stroke", "stroke_linejoin": "round"}
+_HALO = {
+    "class_": "halo",
+    "stroke": PAPER_COLOR,
+    "stroke_width": 3,
+    "paint_order": "stroke",
+    "stroke_linejoin": "round",
+}
 
 
-def color(name: str) -> str:
+def find_color(name: str) -> str:
     """Look a colour up.
 
     Args:
@@ -45,14 +51,14 @@ def color(name: str) -> str:
     return COLORS[name][0]
 
 
-def group(name: str, *children: str, class_: str = "", **attributes: object) -> str:
+def group_in_color(name: str, *children: str, class_: str = "", **attributes: object) -> str:
     """Build a ``g`` element in one colour, in which its children draw with currentColor.
 
     Args:
         name: The colour, a key of ``palette.COLORS``.
         *children: Markup of the children.
         class_: Further CSS classes.
-        **attributes: Further attributes, as ``markup.tag`` takes them.
+        **attributes: Further attributes, as ``markup.build_element`` takes them.
 
     Returns:
         The element as markup.
@@ -61,10 +67,10 @@ def group(name: str, *children: str, class_: str = "", **attributes: object) -> 
         ValueError: There is no such colour.
 
     """
-    return tag("g", *children, class_=f"{class_} {name}".strip(), color=color(name), **attributes)
+    return build_element("g", *children, class_=f"{class_} {name}".strip(), color=find_color(name), **attributes)
 
 
-def text_width(text: str, font: float) -> float:
+def estimate_text_width(text: str, font: float) -> float:
     """Estimate the width of a text from its letters, a little generously.
 
     Args:
@@ -78,7 +84,7 @@ def text_width(text: str, font: float) -> float:
     return font * sum(_LETTER_WIDTHS.get(letter, _LETTER_WIDTH) for letter in text)
 
 
-def shortened(text: str, room: float, font: float) -> str:
+def shorten_text(text: str, room: float, font: float) -> str:
     """Shorten a text to a width.
 
     Args:
@@ -90,15 +96,15 @@ def shortened(text: str, room: float, font: float) -> str:
         The text if it fits, otherwise the longest beginning that fits, with an ellipsis.
 
     """
-    if text_width(text, font) <= room:
+    if estimate_text_width(text, font) <= room:
         return text
-    short = clean(text[: max(int(room / (0.3 * font)), 0)])
-    while short and text_width(short + "…", font) > room:
+    short = replace_unprintable(text[: max(int(room / (0.3 * font)), 0)])
+    while short and estimate_text_width(short + "…", font) > room:
         short = short[:-1]
     return short + "…"
 
 
-def letters(
+def draw_text(
     x: float,
     y: float,
     text: str,
@@ -132,10 +138,10 @@ def letters(
         styles["fill_opacity"] = 0.72
     if halo:
         styles |= _HALO
-    return tag("text", escape(text), x=x, y=y, **styles)
+    return build_element("text", escape_html(text), x=x, y=y, **styles)
 
 
-def drawing(layout: Layout, width: float, height: float, description: str, *children: str) -> str:
+def build_svg(layout: Layout, width: float, height: float, description: str, *children: str) -> str:
     """Build an ``svg`` that can stand alone: its colours and fonts are attributes, which a page may override by class.
 
     Args:
@@ -149,7 +155,7 @@ def drawing(layout: Layout, width: float, height: float, description: str, *chil
         The ``svg`` element.
 
     """
-    return tag(
+    return build_element(
         "svg",
         *children,
         class_=f"{layout.name} ink",
@@ -165,7 +171,7 @@ def drawing(layout: Layout, width: float, height: float, description: str, *chil
     )
 
 
-def rows_table(
+def build_rows_table(
     columns: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", sentences: Sequence[str] = ()
 ) -> str:
     """Build a table of ready text, whose first column names the row.
@@ -182,20 +188,28 @@ def rows_table(
     """
     broken = dict.fromkeys(sentences, "words")
     classes = [broken.get(name) for name in columns]
-    heads = [tag("th", escape(name), scope="col", class_=kind) for name, kind in zip(columns, classes, strict=True)]
-    parts = [tag("thead", tag("tr", *heads)), tag("tbody", *(_table_row(row, classes) for row in rows))]
+    heads = [
+        build_element("th", escape_html(name), scope="col", class_=kind)
+        for name, kind in zip(columns, classes, strict=True)
+    ]
+    parts = [
+        build_element("thead", build_element("tr", *heads)),
+        build_element("tbody", *(_table_row(row, classes) for row in rows)),
+    ]
     if caption:
-        parts.insert(0, tag("caption", escape(caption)))
-    return tag("div", tag("table", *parts), class_="scroll")
+        parts.insert(0, build_element("caption", escape_html(caption)))
+    return build_element("div", build_element("table", *parts), class_="scroll")
 
 
 def _table_row(row: Sequence[str], classes: Sequence[str | None]) -> str:
-    cells = [tag("th", escape(row[0]), scope="row", class_=classes[0])]
-    cells += [tag("td", escape(cell), class_=kind) for cell, kind in zip(row[1:], classes[1:], strict=True)]
-    return tag("tr", *cells)
+    cells = [build_element("th", escape_html(row[0]), scope="row", class_=classes[0])]
+    cells += [
+        build_element("td", escape_html(cell), class_=kind) for cell, kind in zip(row[1:], classes[1:], strict=True)
+    ]
+    return build_element("tr", *cells)
 
 
-def figure(
+def build_figure(
     kind: str,
     title: str,
     body: str,
@@ -219,19 +233,19 @@ def figure(
         link: Figures of one link share cursor and zoom.
 
     Returns:
-        The ``figure`` element.
+        The ``build_figure`` element.
 
     """
-    parts = [tag("h3", escape(title)), tag("div", body, class_="drawing")]
+    parts = [build_element("h3", escape_html(title)), build_element("div", body, class_="drawing")]
     words = []
     if caption:
-        words.append(tag("span", escape(caption)))
+        words.append(build_element("span", escape_html(caption)))
     if note:
-        words.append(tag("span", escape(note), class_="note"))
+        words.append(build_element("span", escape_html(note), class_="note"))
     if words:
-        parts.append(tag("figcaption", " ".join(words)))
+        parts.append(build_element("figcaption", " ".join(words)))
     if numbers:
-        parts.append(tag("details", tag("summary", "Numbers"), numbers))
+        parts.append(build_element("details", build_element("summary", "Numbers"), numbers))
     if data is not None:
-        parts.append(markup.block(data))
-    return tag("figure", *parts, data_kind=kind, data_link=link or None, aria_label=title)
+        parts.append(markup.build_data_block(data))
+    return build_element("figure", *parts, data_kind=kind, data_link=link or None, aria_label=title)

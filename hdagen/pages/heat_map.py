@@ -8,21 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdagen.pages import frame
-from hdagen.pages.axis import Axis, fit
-from hdagen.pages.decimation import Array, packed, samples
-from hdagen.pages.frame import LAYOUTS, WIDE, Layout, letters, shortened, text_width
-from hdagen.pages.markup import tag
-from hdagen.pages.palette import DIVERGING, SEQUENTIAL, blend, lightness
-from hdagen.pages.quantity import number
+from hdagen.pages.axis import Axis, fit_axis
+from hdagen.pages.decimation import Array, as_samples, pack_floats
+from hdagen.pages.frame import LAYOUTS, WIDE, Layout, draw_text, estimate_text_width, shorten_text
+from hdagen.pages.markup import build_element
+from hdagen.pages.palette import DIVERGING_COLORS, SEQUENTIAL_COLORS, blend_colors, compute_luminance
+from hdagen.pages.quantity import format_number
 
-SHADES = 64
-CELLS = 40_000  # more cells than that are finer than a pixel
-NAMES = 0.35  # of the width of the drawing, at most, for the names of rows
-WRITTEN = 120  # up to so many cells carry their number
+SHADE_COUNT = 64
+MOST_CELLS = 40_000  # more cells than that are finer than a pixel
+NAME_WIDTH_SHARE = 0.35  # of the width of the drawing, at most, for the names of rows
+MOST_WRITTEN_CELLS = 120  # up to so many cells carry their number
 Edges = Array | list[str]
 
 
-def heat(
+def draw_heat_map(
     title: str,
     x: ArrayLike | Sequence[str],
     y: ArrayLike | Sequence[str],
@@ -52,60 +52,60 @@ def heat(
         caption: Text below the drawings.
 
     Returns:
-        The ``figure`` element.
+        The ``build_figure`` element.
 
     Raises:
         ValueError: Sizes do not fit each other, or there are more cells than can be seen.
 
     """
-    cells = _grid(title, values)
+    cells = _check_grid(title, values)
     rows, columns = cells.shape
-    across = _edges(title, "x", x, columns, log_x)
-    up = _edges(title, "y", y, rows, log_y)
-    if cells.size > CELLS:
-        raise ValueError(f"figure {title!r}: {cells.size} cells are more than can be seen; use at most {CELLS}")
+    across = _check_edges(title, "x", x, columns, log_x)
+    up = _check_edges(title, "y", y, rows, log_y)
+    if cells.size > MOST_CELLS:
+        raise ValueError(f"figure {title!r}: {cells.size} cells are more than can be seen; use at most {MOST_CELLS}")
     scale, stops = _color_scale(value_label, cells, center)
-    shades = np.nan_to_num(scale.place(cells, SHADES), nan=-1.0).clip(-1, SHADES - 1).astype(int)
-    axes = (_axis(x_label, across, log_x), _axis(y_label, up, log_y))
+    shades = np.nan_to_num(scale.to_pixels(cells, SHADE_COUNT), nan=-1.0).clip(-1, SHADE_COUNT - 1).astype(int)
+    axes = (_fit_edge_axis(x_label, across, log_x), _fit_edge_axis(y_label, up, log_y))
     words = f"{title}: {scale.quantity.label} over {x_label} and {y_label}"
     drawings = "".join(
-        frame.drawing(layout, *_drawing(layout, axes, across, up, cells, shades, scale, stops, words))
+        frame.build_svg(layout, *_draw_layout(layout, axes, across, up, cells, shades, scale, stops, words))
         for layout in LAYOUTS
     )
     data = {
-        "x": _sent(across), "y": _sent(up), "cells": packed(cells.ravel()), "log": [log_x, log_y],
+        "x": _encode_edges(across), "y": _encode_edges(up), "cells": pack_floats(cells.ravel()), "log": [log_x, log_y],
         "labels": [axes[0].quantity.base_label, axes[1].quantity.base_label, scale.quantity.base_label],
         "written": [[axis.quantity.name, axis.quantity.unit, axis.quantity.factor] for axis in (*axes, scale)],
     }  # fmt: skip
     note = ""
     if np.isnan(cells).any():
         note = "Empty cells hold no data."
-    return frame.figure("heat", title, drawings, caption=caption, note=note, data=data)
+    return frame.build_figure("heat", title, drawings, caption=caption, note=note, data=data)
 
 
-def _grid(title: str, values: ArrayLike) -> Array:
+def _check_grid(title: str, values: ArrayLike) -> Array:
     grid = np.asarray(values, dtype=np.float64)
     if grid.ndim != 2:
         raise ValueError(f"figure {title!r}: values have shape {grid.shape}; give one row for every cell of y")
-    return samples(grid).reshape(grid.shape)
+    return as_samples(grid).reshape(grid.shape)
 
 
 def _color_scale(label: str, cells: Array, center: float | None) -> tuple[Axis, tuple[str, ...]]:
     """The axis of the values and its colours from low to high."""
-    scale = fit(label, [cells], margin=0.0)
+    scale = fit_axis(label, [cells], margin=0.0)
     if center is None:
-        return scale, SEQUENTIAL
+        return scale, SEQUENTIAL_COLORS
     far = float(np.nanmax(np.abs(cells - center), initial=0.0)) or 1.0
-    return Axis(center - far, center + far, scale.quantity), DIVERGING
+    return Axis(center - far, center + far, scale.quantity), DIVERGING_COLORS
 
 
-def _edges(title: str, name: str, edges: ArrayLike | Sequence[str], count: int, log: bool) -> Edges:
+def _check_edges(title: str, name: str, edges: ArrayLike | Sequence[str], count: int, log: bool) -> Edges:
     listed = list(np.asarray(edges).ravel().tolist())
     if listed and all(isinstance(edge, str) for edge in listed):
         if len(listed) != count:
             raise ValueError(f"figure {title!r}: {name} has {len(listed)} names for {count} cells; give one for each")
         return [str(edge) for edge in listed]
-    numbers = samples(listed)
+    numbers = as_samples(listed)
     if (
         numbers.size != count + 1
         or np.isnan(numbers).any()
@@ -126,17 +126,17 @@ def _edge_numbers(edges: Edges) -> Array:
     return edges.astype(np.float64)
 
 
-def _axis(label: str, edges: Edges, log: bool) -> Axis:
-    return fit(label, [_edge_numbers(edges)], log=log and not isinstance(edges, list), margin=0.0)
+def _fit_edge_axis(label: str, edges: Edges, log: bool) -> Axis:
+    return fit_axis(label, [_edge_numbers(edges)], log=log and not isinstance(edges, list), margin=0.0)
 
 
-def _sent(edges: Edges) -> list[str] | list[float]:
+def _encode_edges(edges: Edges) -> list[str] | list[float]:
     if isinstance(edges, list):
         return edges
     return edges.tolist()
 
 
-def _drawing(
+def _draw_layout(
     layout: Layout,
     axes: tuple[Axis, Axis],
     across: Edges,
@@ -154,38 +154,48 @@ def _drawing(
         height = 300.0
     if isinstance(up, list):
         beside, height = up, min(30.0 * len(up), 360.0)
-    left = 14 + min(max((text_width(name, font) for name in beside), default=0.0), NAMES * layout.width)
-    key = 18 + 14 + 8 + max(text_width(text, font) for _, text in scale.ticks(6))
+    left = 14 + min(
+        max((estimate_text_width(name, font) for name in beside), default=0.0), NAME_WIDTH_SHARE * layout.width
+    )
+    key = 18 + 14 + 8 + max(estimate_text_width(text, font) for _, text in scale.ticks(6))
     width = layout.width - left - key
     top = 2.2 * font
-    name = shortened(axes[1].quantity.label, 0.45 * width, font)
-    beside_it = width + key - 1.15 * text_width(name, font) - font  # strong letters are wider
-    px, py = axes[0].place(_edge_numbers(across), width), axes[1].place(_edge_numbers(up), height)
+    name = shorten_text(axes[1].quantity.label, 0.45 * width, font)
+    beside_it = width + key - 1.15 * estimate_text_width(name, font) - font  # strong letters are wider
+    px, py = axes[0].to_pixels(_edge_numbers(across), width), axes[1].to_pixels(_edge_numbers(up), height)
     if not isinstance(up, list):
         py = height - py
     numerals: list[str] = []
-    if cells.size <= WRITTEN:
-        numerals = _numerals(px, py, cells, shades, scale, stops, font)
-    body = tag(
+    if cells.size <= MOST_WRITTEN_CELLS:
+        numerals = _draw_numerals(px, py, cells, shades, scale, stops, font)
+    body = build_element(
         "g",
-        letters(0.0, -0.8 * font, name, strong=True),
-        letters(width + key, -0.8 * font, shortened(scale.quantity.label, beside_it, font), anchor="end", strong=True),
-        *_patches(px, py, shades, stops),
-        *numerals,
-        *_tick_texts(layout, axes, across, up, px, py, width, height),
-        tag("path", d=f"M0 0V{height:.1f}H{width:.1f}", fill="none", stroke="currentColor", stroke_opacity=0.55),
-        _key(scale, stops, width + 18, height, font),
-        letters(
-            width / 2, height + 3.1 * font, shortened(axes[0].quantity.label, width, font), anchor="middle", strong=True
+        draw_text(0.0, -0.8 * font, name, strong=True),
+        draw_text(
+            width + key, -0.8 * font, shorten_text(scale.quantity.label, beside_it, font), anchor="end", strong=True
         ),
-        tag("svg", width=width, height=height, class_="area"),
+        *_draw_patches(px, py, shades, stops),
+        *numerals,
+        *_draw_tick_texts(layout, axes, across, up, px, py, width, height),
+        build_element(
+            "path", d=f"M0 0V{height:.1f}H{width:.1f}", fill="none", stroke="currentColor", stroke_opacity=0.55
+        ),
+        _draw_key(scale, stops, width + 18, height, font),
+        draw_text(
+            width / 2,
+            height + 3.1 * font,
+            shorten_text(axes[0].quantity.label, width, font),
+            anchor="middle",
+            strong=True,
+        ),
+        build_element("svg", width=width, height=height, class_="area"),
         class_="plot",
         transform=f"translate({left:.1f} {top:.1f})",
     )
     return layout.width, round(top + height + 3.9 * font, 1), words, body
 
 
-def _patches(px: Array, py: Array, shades: NDArray[np.int_], stops: tuple[str, ...]) -> list[str]:
+def _draw_patches(px: Array, py: Array, shades: NDArray[np.int_], stops: tuple[str, ...]) -> list[str]:
     """One path a shade; neighbours in a row that share a shade are one rectangle."""
     paths: dict[int, list[str]] = {}
     for row, line in enumerate(shades):
@@ -196,33 +206,33 @@ def _patches(px: Array, py: Array, shades: NDArray[np.int_], stops: tuple[str, .
                 box = f"M{px[start]:.1f} {top:.1f}H{px[end]:.1f}V{bottom:.1f}H{px[start]:.1f}Z"
                 paths.setdefault(int(line[start]), []).append(box)
     return [
-        tag("path", d="".join(boxes), fill=_shade(stops, shade), shape_rendering="crispEdges")
+        build_element("path", d="".join(boxes), fill=_find_shade_color(stops, shade), shape_rendering="crispEdges")
         for shade, boxes in sorted(paths.items())
     ]
 
 
-def _shade(stops: tuple[str, ...], shade: int) -> str:
-    return blend(stops, shade / (SHADES - 1))
+def _find_shade_color(stops: tuple[str, ...], shade: int) -> str:
+    return blend_colors(stops, shade / (SHADE_COUNT - 1))
 
 
-def _numerals(
+def _draw_numerals(
     px: Array, py: Array, cells: Array, shades: NDArray[np.int_], scale: Axis, stops: tuple[str, ...], font: float
 ) -> list[str]:
     """The number in every cell that is wide enough for it, dark on light shades and light on dark ones."""
     texts = []
     for row, column in np.argwhere(shades >= 0).tolist():
-        text = number(float(cells[row, column]) * scale.quantity.factor, 2)
-        if text_width(text, font) + 4 > px[column + 1] - px[column] or font + 2 > abs(py[row + 1] - py[row]):
+        text = format_number(float(cells[row, column]) * scale.quantity.factor, 2)
+        if estimate_text_width(text, font) + 4 > px[column + 1] - px[column] or font + 2 > abs(py[row + 1] - py[row]):
             continue
         ink = "#000000"
-        if lightness(_shade(stops, int(shades[row, column]))) < 0.22:
+        if compute_luminance(_find_shade_color(stops, int(shades[row, column]))) < 0.22:
             ink = "#ffffff"
         at_x, at_y = (px[column] + px[column + 1]) / 2, (py[row] + py[row + 1]) / 2 + 0.35 * font
-        texts.append(tag("g", letters(at_x, at_y, text, anchor="middle"), fill=ink))
+        texts.append(build_element("g", draw_text(at_x, at_y, text, anchor="middle"), fill=ink))
     return texts
 
 
-def _tick_texts(
+def _draw_tick_texts(
     layout: Layout, axes: tuple[Axis, Axis], across: Edges, up: Edges, px: Array, py: Array, width: float, height: float
 ) -> list[str]:
     font, room = layout.font, width
@@ -230,40 +240,46 @@ def _tick_texts(
         x = [((px[at] + px[at + 1]) / 2, name) for at, name in enumerate(across)]
         room = width / len(x)
     else:
-        x = [(axes[0].place(np.array([at]), width)[0], text) for at, text in axes[0].ticks(int(width / 80) + 1)]
+        x = [(axes[0].to_pixels(np.array([at]), width)[0], text) for at, text in axes[0].ticks(int(width / 80) + 1)]
     if isinstance(up, list):
         y = [((py[at] + py[at + 1]) / 2, name) for at, name in enumerate(up)]
     else:
-        y = [(height - axes[1].place(np.array([at]), height)[0], text) for at, text in axes[1].ticks(7)]
+        y = [(height - axes[1].to_pixels(np.array([at]), height)[0], text) for at, text in axes[1].ticks(7)]
     below = [
-        letters(float(at), height + 1.5 * font, shortened(text, room, font), anchor="middle", faint=True)
+        draw_text(float(at), height + 1.5 * font, shorten_text(text, room, font), anchor="middle", faint=True)
         for at, text in x
     ]
     beside = [
-        letters(-7.0, float(at) + 0.35 * font, shortened(text, NAMES * layout.width, font), anchor="end", faint=True)
+        draw_text(
+            -7.0,
+            float(at) + 0.35 * font,
+            shorten_text(text, NAME_WIDTH_SHARE * layout.width, font),
+            anchor="end",
+            faint=True,
+        )
         for at, text in y
     ]
     return below + beside
 
 
-def _key(scale: Axis, stops: tuple[str, ...], x: float, height: float, font: float) -> str:
-    step = height / SHADES
+def _draw_key(scale: Axis, stops: tuple[str, ...], x: float, height: float, font: float) -> str:
+    step = height / SHADE_COUNT
     parts = [
-        tag(
+        build_element(
             "rect",
             x=x,
             y=height - (at + 1) * step,
             width=14.0,
             height=step + 0.4,
-            fill=_shade(stops, at),
+            fill=_find_shade_color(stops, at),
             shape_rendering="crispEdges",
         )
-        for at in range(SHADES)
+        for at in range(SHADE_COUNT)
     ]
     free = np.inf  # above the last number; a map of one row has room for few
     for value, text in scale.ticks(6):
-        y = height - float(scale.place(np.array([value]), height)[0])
+        y = height - float(scale.to_pixels(np.array([value]), height)[0])
         if y <= free:
-            parts.append(letters(x + 20, y + 0.35 * font, text, faint=True))
+            parts.append(draw_text(x + 20, y + 0.35 * font, text, faint=True))
             free = y - font
-    return tag("g", *parts)
+    return build_element("g", *parts)

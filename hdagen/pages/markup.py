@@ -11,7 +11,7 @@ import re
 UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u202a-\u202e\u2066-\u2069\ufffe\uffff]")
 
 
-def clean(text: object) -> str:
+def replace_unprintable(text: object) -> str:
     """Replace every character that may not stand in a page.
 
     Args:
@@ -24,7 +24,7 @@ def clean(text: object) -> str:
     return UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", str(text))
 
 
-def escape(text: object) -> str:
+def escape_html(text: object) -> str:
     """Escape a text so that HTML shows it as it is, inside elements and inside quoted attributes.
 
     Args:
@@ -34,10 +34,10 @@ def escape(text: object) -> str:
         The escaped text, without characters that may not stand in a page.
 
     """
-    return html.escape(clean(text), quote=True)
+    return html.escape(replace_unprintable(text), quote=True)
 
 
-def tag(name: str, *children: str, **attributes: object) -> str:
+def build_element(name: str, *children: str, **attributes: object) -> str:
     """Build an element of HTML or SVG.
 
     Args:
@@ -61,11 +61,11 @@ def tag(name: str, *children: str, **attributes: object) -> str:
         elif isinstance(value, float):
             written.append(f' {plain}="{round(value, 2):g}"')
         else:
-            written.append(f' {plain}="{escape(value)}"')
+            written.append(f' {plain}="{escape_html(value)}"')
     return f"<{name}{''.join(written)}>{''.join(children)}</{name}>"
 
 
-def block(data: object) -> str:
+def build_data_block(data: object) -> str:
     """Build a script element that holds JSON, which is read and never run.
 
     Args:
@@ -84,7 +84,7 @@ def block(data: object) -> str:
     return f'<script type="application/json">{text}</script>'
 
 
-def paragraphs(text: str) -> str:
+def build_paragraphs(text: str) -> str:
     """Write plain text as HTML.
 
     Args:
@@ -98,7 +98,7 @@ def paragraphs(text: str) -> str:
     for part in re.split(r"\n[ \t]*\n", text.strip("\n")):
         lines = [line for line in part.split("\n") if line.strip()]
         if lines and all(line.startswith("    ") for line in lines):
-            parts.append(tag("pre", escape("\n".join(line[4:].rstrip() for line in lines))))
+            parts.append(build_element("pre", escape_html("\n".join(line[4:].rstrip() for line in lines))))
         elif lines:
-            parts.append(tag("p", escape(" ".join(line.strip() for line in lines))))
+            parts.append(build_element("p", escape_html(" ".join(line.strip() for line in lines))))
     return "".join(parts)

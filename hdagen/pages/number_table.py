@@ -6,15 +6,15 @@ import math
 from collections.abc import Sequence
 
 from hdagen.pages import frame
-from hdagen.pages.quantity import number
+from hdagen.pages.quantity import format_number
 
-Cell = str | float | int | bool | None
+TableCell = str | float | int | bool | None
 
 
-def table(
+def draw_table(
     title: str,
     columns: Sequence[str],
-    rows: Sequence[Sequence[Cell]],
+    rows: Sequence[Sequence[TableCell]],
     *,
     digits: int = 4,
     caption: str = "",
@@ -31,7 +31,7 @@ def table(
         sentences: Headings of the columns whose text breaks its lines.
 
     Returns:
-        The ``figure`` element.
+        The ``build_figure`` element.
 
     Raises:
         ValueError: A row does not have one cell for every column.
@@ -42,17 +42,17 @@ def table(
             raise ValueError(
                 f"table {title!r}: row {at} has {len(row)} cells for {len(columns)} columns; give one for every column"
             )
-    written, sent = [], [list[Cell](columns)]
+    written, sent = [], [list[TableCell](columns)]
     for row in rows:
-        written.append([_written(cell, digits) for cell in row])
-        sent.append([_sent(cell) for cell in row])
+        written.append([_format_cell(cell, digits) for cell in row])
+        sent.append([_encode_cell(cell) for cell in row])
     data = {"rows": sent}
-    return frame.figure(
-        "table", title, frame.rows_table(columns, written, sentences=sentences), caption=caption, data=data
+    return frame.build_figure(
+        "table", title, frame.build_rows_table(columns, written, sentences=sentences), caption=caption, data=data
     )
 
 
-def _written(cell: Cell, digits: int) -> str:
+def _format_cell(cell: TableCell, digits: int) -> str:
     if cell is None:
         return "–"
     if cell is True:
@@ -61,10 +61,10 @@ def _written(cell: Cell, digits: int) -> str:
         return "no"
     if isinstance(cell, str):
         return cell
-    return number(cell, digits)
+    return format_number(cell, digits)
 
 
-def _sent(cell: Cell) -> Cell:
+def _encode_cell(cell: TableCell) -> TableCell:
     """The cell as JSON takes it: NaN and infinities, which JSON lacks, become words."""
     if isinstance(cell, (str, bool)) or cell is None:
         return cell

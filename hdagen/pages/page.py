@@ -12,10 +12,10 @@ from importlib import resources
 from pathlib import Path
 
 from hdagen.pages import palette
-from hdagen.pages.markup import clean, escape, paragraphs, tag
-from hdagen.support.atomic_write import write_whole
+from hdagen.pages.markup import build_element, build_paragraphs, escape_html, replace_unprintable
+from hdagen.support.atomic_write import write_atomically
 
-SCRIPTS = ("axis.js", "frame.js", "curves.js", "heat.js", "animation.js", "page.js")  # page.js starts the others
+SCRIPT_FILES = ("axis.js", "frame.js", "curves.js", "heat.js", "animation.js", "page.js")  # page.js starts the others
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Section:
     figures: Sequence[str] = ()
 
 
-def render(title: str, verdict: str, sections: Sequence[Section], reproduce: str) -> str:
+def render_page(title: str, verdict: str, sections: Sequence[Section], reproduce: str) -> str:
     """Write a whole page as text; the same arguments give the same bytes.
 
     Args:
@@ -43,23 +43,29 @@ def render(title: str, verdict: str, sections: Sequence[Section], reproduce: str
         HTML that needs nothing from the network.
 
     """
-    style = palette.style() + _part("style.css")
-    script = "".join(_part(name) for name in SCRIPTS)
+    style = palette.build_color_style() + _read_part("style.css")
+    script = "".join(_read_part(name) for name in SCRIPT_FILES)
     policy = (
-        f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; img-src data:; "
+        f"default-src 'none'; style-src '{_hash_text(style)}'; script-src '{_hash_text(script)}'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
-    names = _anchors(section.heading for section in sections)
+    names = _name_anchors(section.heading for section in sections)
     links = "".join(
-        tag("li", tag("a", escape(section.heading), href=f"#{name}"))
+        build_element("li", build_element("a", escape_html(section.heading), href=f"#{name}"))
         for section, name in zip(sections, names, strict=True)
     )
-    body = [tag("header", tag("h1", escape(title)), tag("p", escape(verdict), class_="verdict"))]
+    body = [
+        build_element(
+            "header",
+            build_element("h1", escape_html(title)),
+            build_element("p", escape_html(verdict), class_="verdict"),
+        )
+    ]
     if len(sections) > 2:
-        body.append(tag("nav", tag("ul", links), aria_label="Contents"))
+        body.append(build_element("nav", build_element("ul", links), aria_label="Contents"))
     body += [
-        tag("main", *(_section(section, name) for section, name in zip(sections, names, strict=True))),
-        tag("footer", tag("h2", "How to reproduce this page"), paragraphs(reproduce)),
+        build_element("main", *(_render_section(section, name) for section, name in zip(sections, names, strict=True))),
+        build_element("footer", build_element("h2", "How to reproduce this page"), build_paragraphs(reproduce)),
     ]
     return "\n".join(
         [
@@ -71,7 +77,7 @@ def render(title: str, verdict: str, sections: Sequence[Section], reproduce: str
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             '<meta name="color-scheme" content="light dark">',
             '<link rel="icon" href="data:,">',
-            f"<title>{escape(title)}</title>",
+            f"<title>{escape_html(title)}</title>",
             f"<style>{style}</style>",
             "</head>",
             "<body>",
@@ -84,7 +90,9 @@ def render(title: str, verdict: str, sections: Sequence[Section], reproduce: str
     )
 
 
-def write(path: str | os.PathLike[str], title: str, verdict: str, sections: Sequence[Section], reproduce: str) -> None:
+def write_page(
+    path: str | os.PathLike[str], title: str, verdict: str, sections: Sequence[Section], reproduce: str
+) -> None:
     """Write a page whole or not at all: an older page at its place stays until the new one is complete.
 
     Args:
@@ -99,23 +107,29 @@ def write(path: str | os.PathLike[str], title: str, verdict: str, sections: Sequ
 
     """
     target = Path(path)
-    text = render(title, verdict, sections, reproduce).encode("utf-8")
+    text = render_page(title, verdict, sections, reproduce).encode("utf-8")
     try:
-        write_whole(target, text)
+        write_atomically(target, text)
     except OSError as problem:
         reason = f"the page cannot be written, and what stood there is unchanged: {problem.strerror}"
         raise OSError(problem.errno, reason, str(target)) from problem
 
 
-def _section(section: Section, name: str) -> str:
-    return tag("section", tag("h2", escape(section.heading)), paragraphs(section.text), *section.figures, id=name)
+def _render_section(section: Section, name: str) -> str:
+    return build_element(
+        "section",
+        build_element("h2", escape_html(section.heading)),
+        build_paragraphs(section.text),
+        *section.figures,
+        id=name,
+    )
 
 
-def _anchors(headings: Iterable[str]) -> list[str]:
+def _name_anchors(headings: Iterable[str]) -> list[str]:
     """One identifier for each heading, made of its letters, each different."""
     names: list[str] = []
     for heading in headings:
-        name = re.sub(r"[^a-z0-9]+", "-", clean(heading).lower()).strip("-")[:40] or "section"
+        name = re.sub(r"[^a-z0-9]+", "-", replace_unprintable(heading).lower()).strip("-")[:40] or "section"
         count = sum(other == name or re.fullmatch(re.escape(name) + r"-\d+", other) is not None for other in names)
         if count:
             name = f"{name}-{count + 1}"
@@ -123,11 +137,11 @@ def _anchors(headings: Iterable[str]) -> list[str]:
     return names
 
 
-def _part(name: str) -> str:
+def _read_part(name: str) -> str:
     """A file that ships with the package, fit to stand inside an element of the page."""
     return resources.files("hdagen.pages").joinpath(name).read_text("utf-8").replace("\r\n", "\n")
 
 
-def _digest(text: str) -> str:
+def _hash_text(text: str) -> str:
     """The hash by which the page's policy allows this one inline text and no other."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")

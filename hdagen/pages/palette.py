@@ -7,8 +7,8 @@ Where curves share a plot they differ in their dashes too.
 
 from __future__ import annotations
 
-PAPER = "#ffffff"
-NIGHT = "#14171c"
+PAPER_COLOR = "#ffffff"
+NIGHT_COLOR = "#14171c"
 
 COLORS = {  # name: (on paper, on a dark screen)
     "blue": ("#0072b2", "#3f9be0"),
@@ -19,18 +19,18 @@ COLORS = {  # name: (on paper, on a dark screen)
     "ink": ("#1b1f24", "#e8eaed"),
     "grey": ("#7a828c", "#8b949e"),  # for what stands in the background: targets, limits, poses
 }
-CYCLE = ("blue", "vermilion", "green", "purple", "orange", "ink")
+COLOR_CYCLE = ("blue", "vermilion", "green", "purple", "orange", "ink")
 
-DASHES = {"solid": None, "dashed": "7 3", "dotted": "1.5 3", "dash-dotted": "9 3 2 3"}
+DASH_PATTERNS = {"solid": None, "dashed": "7 3", "dotted": "1.5 3", "dash-dotted": "9 3 2 3"}
 DASH_CYCLE = ("solid", "dashed", "dash-dotted", "dotted")
 
 # Heat maps: dark to light through blue, grey and yellow, after cividis (Nuñez, Anderton and Renslow 2018), and
 # blue – white – vermilion about a centre. Both keep their order in lightness, or in distance from the middle, in grey.
-SEQUENTIAL = ("#00224e", "#2f3d6c", "#575c6d", "#7c7b78", "#a59c74", "#d2c060", "#fee838")
-DIVERGING = ("#004c7f", "#2f86bd", "#9cc7e3", "#f4f4f2", "#f2b48d", "#cf6425", "#8a2c00")
+SEQUENTIAL_COLORS = ("#00224e", "#2f3d6c", "#575c6d", "#7c7b78", "#a59c74", "#d2c060", "#fee838")
+DIVERGING_COLORS = ("#004c7f", "#2f86bd", "#9cc7e3", "#f4f4f2", "#f2b48d", "#cf6425", "#8a2c00")
 
 
-def style() -> str:
+def build_color_style() -> str:
     """Write the CSS of the colours: one class per colour, which sets ``color`` on a dark screen.
 
     On paper the attribute in the drawing holds.
@@ -44,7 +44,7 @@ def style() -> str:
     return f"{paper}\n@media screen and (prefers-color-scheme: dark){{{dark}{dark.replace('.', '.key.')}}}\n"
 
 
-def blend(stops: tuple[str, ...], position: float) -> str:
+def blend_colors(stops: tuple[str, ...], position: float) -> str:
     """Blend colours, linearly in sRGB.
 
     Args:
@@ -65,7 +65,7 @@ def blend(stops: tuple[str, ...], position: float) -> str:
     return "#" + "".join(f"{channel:02x}" for channel in channels)
 
 
-def lightness(color: str) -> float:
+def compute_luminance(color: str) -> float:
     """Compute the relative luminance of a colour.
 
     Args:

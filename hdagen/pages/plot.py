@@ -9,15 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdagen.pages.axis import Axis
-from hdagen.pages.decimation import Array, extremes
-from hdagen.pages.frame import Layout, group, letters, shortened, text_width
-from hdagen.pages.markup import tag
-from hdagen.pages.palette import DASHES
-from hdagen.support.row_runs import stretches
+from hdagen.pages.decimation import Array, find_extreme_rows
+from hdagen.pages.frame import Layout, draw_text, estimate_text_width, group_in_color, shorten_text
+from hdagen.pages.markup import build_element
+from hdagen.pages.palette import DASH_PATTERNS
+from hdagen.support.row_runs import find_true_runs
 
-GAP = 26.0  # between columns, px
-NEAR = 0.7  # px
-RIGHT = 18.0  # half of the last tick's text, px
+COLUMN_GAP = 26.0  # between columns, px
+SHORTEST_STEP = 0.7  # px
+RIGHT_MARGIN = 18.0  # half of the last tick's text, px
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Plot:
     equal: bool = False  # one metre is as long on both axes
 
 
-def path(x: Array, y: Array, draw: str = "line") -> str:
+def build_path_data(x: Array, y: Array, draw: str = "line") -> str:
     """Write the path data of SVG through points, to a tenth of a pixel.
 
     Args:
@@ -79,7 +79,7 @@ def path(x: Array, y: Array, draw: str = "line") -> str:
             parts.append(f"M{at_x:g} {at_y:g}")
         elif draw == "step":
             parts.append(f"H{at_x:g}V{at_y:g}")
-        elif abs(at_x - last_x) >= NEAR or abs(at_y - last_y) >= NEAR:
+        elif abs(at_x - last_x) >= SHORTEST_STEP or abs(at_y - last_y) >= SHORTEST_STEP:
             parts.append(f"L{at_x:g} {at_y:g}")
         else:
             continue
@@ -87,25 +87,25 @@ def path(x: Array, y: Array, draw: str = "line") -> str:
     return "".join(parts)
 
 
-def _curve(trace: Trace, plot: Plot, width: float, height: float) -> str:
+def _draw_trace(trace: Trace, plot: Plot, width: float, height: float) -> str:
     """The trace as paths; where pixels cannot show every sample, each pixel keeps its smallest and its largest."""
-    x = plot.x.place(trace.x, width)
-    columns = [height - plot.y.place(values, height) for values in (trace.y, *(trace.spread or ()))]
+    x = plot.x.to_pixels(trace.x, width)
+    columns = [height - plot.y.to_pixels(values, height) for values in (trace.y, *(trace.spread or ()))]
     if x.size > 4 * width and np.all(np.diff(x) >= 0):
-        rows = extremes(x, columns, int(width))
+        rows = find_extreme_rows(x, columns, int(width))
         x, columns = x[rows], [column[rows] for column in columns]
     area = ""
     if trace.spread:
         whole = ~np.isnan(columns[1] + columns[2] + x)
         rings = [
-            path(np.r_[x[a:b], x[a:b][::-1]], np.r_[columns[1][a:b], columns[2][a:b][::-1]]) + "Z"
-            for a, b in stretches(whole)
+            build_path_data(np.r_[x[a:b], x[a:b][::-1]], np.r_[columns[1][a:b], columns[2][a:b][::-1]]) + "Z"
+            for a, b in find_true_runs(whole)
         ]
-        area = tag("path", d="".join(rings), class_="spread", fill="currentColor", fill_opacity=0.18)
-    width, dashes, cap = _pen(trace)
-    line = tag(
+        area = build_element("path", d="".join(rings), class_="spread", fill="currentColor", fill_opacity=0.18)
+    width, dashes, cap = _choose_pen(trace)
+    line = build_element(
         "path",
-        d=path(x, columns[0], trace.draw),
+        d=build_path_data(x, columns[0], trace.draw),
         class_="curve",
         fill="none",
         stroke="currentColor",
@@ -114,45 +114,49 @@ def _curve(trace: Trace, plot: Plot, width: float, height: float) -> str:
         stroke_linejoin="round",
         stroke_linecap=cap,
     )
-    return group(trace.color, area, line, class_="trace")
+    return group_in_color(trace.color, area, line, class_="trace")
 
 
-def _pen(trace: Trace) -> tuple[float, str | None, str | None]:
+def _choose_pen(trace: Trace) -> tuple[float, str | None, str | None]:
     """Width, dashes and cap: points are dots of three widths, square where a line would have dashes."""
     if trace.draw != "points":
-        return trace.width, DASHES[trace.dash], None
+        return trace.width, DASH_PATTERNS[trace.dash], None
     if trace.dash == "solid":
         return 3 * trace.width, None, "round"
     return 3 * trace.width, None, "square"
 
 
-def _area(plot: Plot, width: float, height: float, font: float, band_words: bool) -> str:
+def _draw_area(plot: Plot, width: float, height: float, font: float, band_words: bool) -> str:
     """Everything inside the axes, clipped by them."""
     parts = []
     for start, end, words in plot.bands:
-        x = plot.x.place(np.array([start, end]), width)
-        box = tag("rect", x=float(x[0]), width=max(float(x[1] - x[0]), 1.0), height=height, fill_opacity=0.09)
+        x = plot.x.to_pixels(np.array([start, end]), width)
+        box = build_element("rect", x=float(x[0]), width=max(float(x[1] - x[0]), 1.0), height=height, fill_opacity=0.09)
         text = ""
         if band_words:
-            text = letters(float(x[0]) + 4, font, words, faint=True, halo=True)
-        parts.append(tag("g", box, text, class_="band", data_from=repr(float(start)), data_to=repr(float(end))))
-    parts += [_curve(trace, plot, width, height) for trace in plot.traces]
+            text = draw_text(float(x[0]) + 4, font, words, faint=True, halo=True)
+        parts.append(
+            build_element("g", box, text, class_="band", data_from=repr(float(start)), data_to=repr(float(end)))
+        )
+    parts += [_draw_trace(trace, plot, width, height) for trace in plot.traces]
     for value, words in plot.levels:
-        y = height - float(plot.y.place(np.array([value]), height)[0])
-        line = tag("path", d=f"M0 0H{width:g}", stroke="currentColor", stroke_dasharray="2 4")
+        y = height - float(plot.y.to_pixels(np.array([value]), height)[0])
+        line = build_element("path", d=f"M0 0H{width:g}", stroke="currentColor", stroke_dasharray="2 4")
         base = -5.0
         if y <= 3 * font:  # below the line, as the words of bands stand above it
             base = 1.2 * font
-        text = letters(width - 4, base, words, anchor="end", faint=True, halo=True)
-        parts.append(tag("g", line, text, class_="level", data_y=repr(float(value)), transform=f"translate(0 {y:.1f})"))
-    for at_x, at_y, words in plot.marks:
-        x, y = plot.x.place(np.array([at_x]), width)[0], height - plot.y.place(np.array([at_y]), height)[0]
-        dot = tag("circle", r=4, fill="none", stroke="currentColor", stroke_width=1.5)
+        text = draw_text(width - 4, base, words, anchor="end", faint=True, halo=True)
         parts.append(
-            tag(
+            build_element("g", line, text, class_="level", data_y=repr(float(value)), transform=f"translate(0 {y:.1f})")
+        )
+    for at_x, at_y, words in plot.marks:
+        x, y = plot.x.to_pixels(np.array([at_x]), width)[0], height - plot.y.to_pixels(np.array([at_y]), height)[0]
+        dot = build_element("circle", r=4, fill="none", stroke="currentColor", stroke_width=1.5)
+        parts.append(
+            build_element(
                 "g",
                 dot,
-                letters(8.0, 4.0, words, halo=True),
+                draw_text(8.0, 4.0, words, halo=True),
                 class_="mark",
                 data_x=repr(float(at_x)),
                 data_y=repr(float(at_y)),
@@ -160,59 +164,61 @@ def _area(plot: Plot, width: float, height: float, font: float, band_words: bool
             )
         )
     if not any(np.isfinite(trace.x + trace.y).any() for trace in plot.traces):
-        parts.append(letters(width / 2, height / 2, "no data", anchor="middle", faint=True))
-    return tag("svg", *parts, class_="area", width=width, height=height)
+        parts.append(draw_text(width / 2, height / 2, "no data", anchor="middle", faint=True))
+    return build_element("svg", *parts, class_="area", width=width, height=height)
 
 
-def _scales(plot: Plot, width: float, height: float, font: float, x_words: bool) -> str:
+def _draw_scales(plot: Plot, width: float, height: float, font: float, x_words: bool) -> str:
     """Grid and tick texts. The script draws this group again when it zooms: keep the two alike."""
     lines, texts = [], []
     for value, words in plot.y.ticks(int(height / 38) + 1):
-        y = height - float(plot.y.place(np.array([value]), height)[0])
+        y = height - float(plot.y.to_pixels(np.array([value]), height)[0])
         lines.append(f"M0 {y:.1f}H{width:g}")
-        texts.append(letters(-7.0, y + 0.35 * font, words, anchor="end", faint=True))
+        texts.append(draw_text(-7.0, y + 0.35 * font, words, anchor="end", faint=True))
     for value, words in plot.x.ticks(int(width / 90) + 1):
-        x = float(plot.x.place(np.array([value]), width)[0])
+        x = float(plot.x.to_pixels(np.array([value]), width)[0])
         lines.append(f"M{x:.1f} 0V{height:g}")
         if x_words:
-            texts.append(letters(x, height + 1.5 * font, words, anchor="middle", faint=True))
-    grid = tag("path", d="".join(lines), stroke="currentColor", stroke_opacity=0.13)
-    frame = tag("path", d=f"M0 0V{height:g}H{width:g}", fill="none", stroke="currentColor", stroke_opacity=0.55)
-    return tag("g", grid, frame, *texts, class_="scales", data_words=x_words)
+            texts.append(draw_text(x, height + 1.5 * font, words, anchor="middle", faint=True))
+    grid = build_element("path", d="".join(lines), stroke="currentColor", stroke_opacity=0.13)
+    frame = build_element(
+        "path", d=f"M0 0V{height:g}H{width:g}", fill="none", stroke="currentColor", stroke_opacity=0.55
+    )
+    return build_element("g", grid, frame, *texts, class_="scales", data_words=x_words)
 
 
-def _name(plot: Plot) -> str:
+def _format_plot_name(plot: Plot) -> str:
     return " · ".join(part for part in (plot.heading, plot.y.quantity.label) if part)
 
 
-def _crowded(plot: Plot, room: float, font: float) -> bool:
+def _is_crowded(plot: Plot, room: float, font: float) -> bool:
     """Whether heading, name of y and key do not fit on one line."""
-    keys = sum(48 + text_width(trace.label, font) for trace in plot.traces if trace.label)
-    return bool(plot.heading) and 1.08 * text_width(_name(plot), font) + keys > room
+    keys = sum(48 + estimate_text_width(trace.label, font) for trace in plot.traces if trace.label)
+    return bool(plot.heading) and 1.08 * estimate_text_width(_format_plot_name(plot), font) + keys > room
 
 
-def _head(plot: Plot, room: float, font: float, crowded: bool) -> tuple[str, float]:
+def _draw_head(plot: Plot, room: float, font: float, crowded: bool) -> tuple[str, float]:
     """Markup and height of the head above the axes, from their left end: name of y, then the key of the curves."""
-    parts, y, name = [], 0.0, _name(plot)
+    parts, y, name = [], 0.0, _format_plot_name(plot)
     if crowded and plot.heading:
-        parts = [letters(0.0, 0.0, shortened(plot.heading, room / 1.08, font), strong=True)]
+        parts = [draw_text(0.0, 0.0, shorten_text(plot.heading, room / 1.08, font), strong=True)]
         y, name = 1.45 * font, plot.y.quantity.label
-    name = shortened(name, room / 1.08, font)
-    parts.append(letters(0.0, y, name, strong=True))
-    x = 1.08 * text_width(name, font) + 18
+    name = shorten_text(name, room / 1.08, font)
+    parts.append(draw_text(0.0, y, name, strong=True))
+    x = 1.08 * estimate_text_width(name, font) + 18
     for trace in plot.traces:
         if not trace.label:
             continue
-        label = shortened(trace.label, room - 30, font)
-        wide = 30 + text_width(label, font)
+        label = shorten_text(trace.label, room - 30, font)
+        wide = 30 + estimate_text_width(label, font)
         if x + wide > room and x > 0:
             x, y = 0.0, y + 1.45 * font
-        thick, dashes, cap = _pen(trace)
+        thick, dashes, cap = _choose_pen(trace)
         data = f"M{x + 12:.1f} {y - 0.33 * font:.1f}h.01"
         if trace.draw != "points":
             data = f"M{x:.1f} {y - 0.33 * font:.1f}h24"
             thick = max(thick, 2.0)
-        sample = tag(
+        sample = build_element(
             "path",
             d=data,
             fill="none",
@@ -221,19 +227,19 @@ def _head(plot: Plot, room: float, font: float, crowded: bool) -> tuple[str, flo
             stroke_dasharray=dashes,
             stroke_linecap=cap,
         )
-        parts += [group(trace.color, sample), letters(x + 30, y, label)]
+        parts += [group_in_color(trace.color, sample), draw_text(x + 30, y, label)]
         x += wide + 18
     height = y + 2.2 * font
-    return tag("g", *parts, transform=f"translate(0 {-height + 1.3 * font:.1f})", class_="head"), height
+    return build_element("g", *parts, transform=f"translate(0 {-height + 1.3 * font:.1f})", class_="head"), height
 
 
-def _equalled(plot: Plot, width: float, height: float) -> Plot:
+def _equalize_axes(plot: Plot, width: float, height: float) -> Plot:
     """The plot with whichever axis has room to spare widened until a unit is as long on both."""
     unit = max((plot.x.high - plot.x.low) / width, (plot.y.high - plot.y.low) / height)
-    return replace(plot, x=plot.x.widened(unit * width), y=plot.y.widened(unit * height))
+    return replace(plot, x=plot.x.with_span(unit * width), y=plot.y.with_span(unit * height))
 
 
-def _placed(
+def _place_plot(
     plot: Plot,
     head: str,
     place: tuple[float, float],
@@ -246,12 +252,12 @@ def _placed(
     """A plot at its place; ``named``: with the numbers and the name of x."""
     width, height = size
     if plot.equal:
-        plot = _equalled(plot, width, height)
-    parts = [head, _scales(plot, width, height, font, named), _area(plot, width, height, font, band_words)]
+        plot = _equalize_axes(plot, width, height)
+    parts = [head, _draw_scales(plot, width, height, font, named), _draw_area(plot, width, height, font, band_words)]
     if named:
-        name = shortened(plot.x.quantity.label, width, font)
-        parts.append(letters(width / 2, height + 3.1 * font, name, anchor="middle", strong=True))
-    return tag(
+        name = shorten_text(plot.x.quantity.label, width, font)
+        parts.append(draw_text(width / 2, height + 3.1 * font, name, anchor="middle", strong=True))
+    return build_element(
         "g",
         *parts,
         class_="plot",
@@ -261,7 +267,7 @@ def _placed(
     )
 
 
-def arrange(
+def arrange_plots(
     plots: Sequence[Plot], layout: Layout, *, columns: int, height: float, limit: float = 1e9, shared_x: bool = True
 ) -> tuple[str, float, float]:
     """Arrange plots row after row.
@@ -281,9 +287,11 @@ def arrange(
     columns = max(1, min(columns, len(plots)))
     font = layout.font
     texts = [words for plot in plots for _, words in plot.y.ticks(6)]
-    left = 12 + 0.95 * max(text_width(words, font) for words in ["−0.00", *texts])  # zoomed in, numbers grow longer
-    width = min((layout.width - GAP * (columns - 1)) / columns - left - RIGHT, limit)
-    crowded = any(_crowded(plot, width, font) for plot in plots)
+    left = 12 + 0.95 * max(
+        estimate_text_width(words, font) for words in ["−0.00", *texts]
+    )  # zoomed in, numbers grow longer
+    width = min((layout.width - COLUMN_GAP * (columns - 1)) / columns - left - RIGHT_MARGIN, limit)
+    crowded = any(_is_crowded(plot, width, font) for plot in plots)
     parts, top = [], 0.0
     for first in range(0, len(plots), columns):
         row = plots[first : first + columns]
@@ -291,15 +299,18 @@ def arrange(
         if row[0].equal:
             tall = width * min(max((p.y.high - p.y.low) / (p.x.high - p.x.low) for p in row), 1.0)
             tall = max(tall, 0.4 * width)
-        heads = [_head(plot, width, font, crowded) for plot in row]
+        heads = [_draw_head(plot, width, font, crowded) for plot in row]
         top += max(head_height for _, head_height in heads)
         below = 0.0
         for at, (plot, (head, _)) in enumerate(zip(row, heads, strict=True)):
-            x, last = left + at * (width + left + RIGHT + GAP), not shared_x or first + at + columns >= len(plots)
-            parts.append(_placed(plot, head, (x, top), (width, tall), font, named=last, band_words=first == 0))
+            x, last = (
+                left + at * (width + left + RIGHT_MARGIN + COLUMN_GAP),
+                not shared_x or first + at + columns >= len(plots),
+            )
+            parts.append(_place_plot(plot, head, (x, top), (width, tall), font, named=last, band_words=first == 0))
             below = max(below, 0.5 * font)
             if last:
                 below = max(below, 3.7 * font)
         top += tall + below
-    whole = columns * (left + width + RIGHT) + (columns - 1) * GAP
+    whole = columns * (left + width + RIGHT_MARGIN) + (columns - 1) * COLUMN_GAP
     return "".join(parts), round(whole, 1), round(top + 2, 1)

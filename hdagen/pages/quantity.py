@@ -6,11 +6,11 @@ import math
 import re
 from typing import NamedTuple
 
-PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+UNIT_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 # Units that take a prefix on their first part; kg carries one already and stays.
-PREFIXED = re.compile(r"(m|s|A|N|V|W|J|Hz|Pa|rad)\b")
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-MINUS = "\N{MINUS SIGN}"
+PREFIXED_UNIT = re.compile(r"(m|s|A|N|V|W|J|Hz|Pa|rad)\b")
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+MINUS_SIGN = "\N{MINUS SIGN}"
 
 
 class Quantity(NamedTuple):
@@ -24,21 +24,21 @@ class Quantity(NamedTuple):
     @property
     def label(self) -> str:
         """The name and, in brackets, the written unit."""
-        return _label(self.name, self.unit)
+        return _format_label(self.name, self.unit)
 
     @property
     def base_label(self) -> str:
         """The name and, in brackets, the base unit, which is that of the data."""
-        return _label(self.name, self.base)
+        return _format_label(self.name, self.base)
 
 
-def _label(name: str, unit: str) -> str:
+def _format_label(name: str, unit: str) -> str:
     if not unit:
         return name
     return f"{name} ({unit})"
 
 
-def quantity(label: str, largest: float) -> Quantity:
+def scale_quantity(label: str, largest: float) -> Quantity:
     """Read a label and choose the prefix of its unit.
 
     Args:
@@ -55,14 +55,14 @@ def quantity(label: str, largest: float) -> Quantity:
     if not (math.isfinite(largest) and largest > 0) or 0.1 <= largest < 1e4:
         return Quantity(name, unit, 1.0, unit)
     power = 3 * math.floor(math.log10(largest) / 3 + 1e-9)
-    if PREFIXED.match(unit) and power in PREFIXES:
-        return Quantity(name, PREFIXES[power] + unit, 10.0**-power, unit)
+    if PREFIXED_UNIT.match(unit) and power in UNIT_PREFIXES:
+        return Quantity(name, UNIT_PREFIXES[power] + unit, 10.0**-power, unit)
     if 1e-3 <= largest < 1e5:
         return Quantity(name, unit, 1.0, unit)
-    return Quantity(name, f"10{str(power).translate(RAISED)} {unit}".strip(), 10.0**-power, unit)
+    return Quantity(name, f"10{str(power).translate(SUPERSCRIPTS)} {unit}".strip(), 10.0**-power, unit)
 
 
-def fixed(value: float, decimals: int) -> str:
+def format_fixed(value: float, decimals: int) -> str:
     """Write a number with a true minus sign, and without a negative zero.
 
     Args:
@@ -76,10 +76,10 @@ def fixed(value: float, decimals: int) -> str:
     text = f"{value:.{decimals}f}"
     if not text.strip("-0."):
         return text.replace("-", "")
-    return text.replace("-", MINUS)
+    return text.replace("-", MINUS_SIGN)
 
 
-def number(value: float, digits: int = 4) -> str:
+def format_number(value: float, digits: int = 4) -> str:
     """Write a number as it stands in a table.
 
     Args:
@@ -91,24 +91,24 @@ def number(value: float, digits: int = 4) -> str:
 
     """
     if isinstance(value, int) and abs(value) < 10**9:
-        return fixed(value, 0)
+        return format_fixed(value, 0)
     value = float(value)
     if math.isnan(value):
         return "–"
     if value == math.inf:
         return "∞"
     if value == -math.inf:
-        return MINUS + "∞"
+        return MINUS_SIGN + "∞"
     if value == 0:
         return "0"
     power = int(f"{value:.{digits - 1}e}".split("e")[1])
     if -4 <= power < 6:
-        return _without_zeros(fixed(value, max(digits - 1 - power, 0)))
+        return _without_zeros(format_fixed(value, max(digits - 1 - power, 0)))
     if power > -300:
-        mantissa = fixed(value / 10.0**power, digits - 1)
+        mantissa = format_fixed(value / 10.0**power, digits - 1)
     else:
-        mantissa = fixed(value * 1e300 / 10.0 ** (power + 300), 3)
-    return f"{_without_zeros(mantissa)}×10{str(power).translate(RAISED)}"
+        mantissa = format_fixed(value * 1e300 / 10.0 ** (power + 300), 3)
+    return f"{_without_zeros(mantissa)}×10{str(power).translate(SUPERSCRIPTS)}"
 
 
 def _without_zeros(text: str) -> str:

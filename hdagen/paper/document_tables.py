@@ -6,12 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hdagen.paper.paper_page import HOLDS, heading
+from hdagen.paper.paper_page import HOLDS_WORDS, paper_heading
 
-SWEEP = ("sets", "sweep_seconds", "sweep_processor_seconds")
+SWEEP_KEYS = ("sets", "sweep_seconds", "sweep_processor_seconds")
 
 
-def results(contents: Sequence[Mapping[str, Any]]) -> str:
+def collect_results(contents: Sequence[Mapping[str, Any]]) -> str:
     """Collect the claims and choices of all figures, and the duration of their sweeps.
 
     Args:
@@ -25,13 +25,13 @@ def results(contents: Sequence[Mapping[str, Any]]) -> str:
     for content in contents:
         one = {key: content[key] for key in ("name", "title", "claims", "choices")}
         numbers = content.get("numbers", {})
-        if all(key in numbers for key in SWEEP):
-            one["sweep"] = {key: numbers[key] for key in SWEEP}
+        if all(key in numbers for key in SWEEP_KEYS):
+            one["sweep"] = {key: numbers[key] for key in SWEEP_KEYS}
         kept.append(one)
     return json.dumps(kept, indent=1, ensure_ascii=False) + "\n"
 
 
-def tables(found: Sequence[Mapping[str, Any]]) -> str:
+def render_tables(found: Sequence[Mapping[str, Any]]) -> str:
     """Render the claims and the choices of all figures.
 
     Args:
@@ -44,14 +44,16 @@ def tables(found: Sequence[Mapping[str, Any]]) -> str:
     lines = ["| | the paper | here | holds | why they differ, or from where on |", "|---|---|---|---|---|"]
     for figure in found:
         for claim in figure["claims"]:
-            cells = (claim["paper"], claim["here"], HOLDS[claim["holds"]], claim["why"])
-            lines.append(_row(heading(figure["name"]), *cells))
+            cells = (claim["paper"], claim["here"], HOLDS_WORDS[claim["holds"]], claim["why"])
+            lines.append(_render_row(paper_heading(figure["name"]), *cells))
     lines += ["", "What the paper leaves open:", "", "| | question | taken | alternatives |", "|---|---|---|---|"]
     for figure in found:
         for choice in figure["choices"]:
-            lines.append(_row(heading(figure["name"]), choice["question"], choice["taken"], choice["alternatives"]))
+            lines.append(
+                _render_row(paper_heading(figure["name"]), choice["question"], choice["taken"], choice["alternatives"])
+            )
     return "\n".join(lines)
 
 
-def _row(*cells: str) -> str:
+def _render_row(*cells: str) -> str:
     return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from hdagen.arm.build_loader import PlantError
 from hdagen.paper.prototype.figure_result import Result
 from hdagen.paper.prototype.virtual_prototype import Bench
-from hdagen.support.messages import meant
+from hdagen.support.messages import suggest_name
 
 Maker = Callable[[Bench], Result]
 
 
 @dataclass(frozen=True)
-class Listed:
+class FigureEntry:
     """A figure or table: its name, the module of `hdagen.paper.figures` whose function of that name makes it, and its
     title. Figures of one module are made one after another."""
 
@@ -23,7 +23,7 @@ class Listed:
     module: str
     title: str
 
-    def make(self, bench: Bench) -> Result:
+    def make_result(self, bench: Bench) -> Result:
         """Simulate and compute the figure.
 
         Args:
@@ -33,38 +33,38 @@ class Listed:
             The figure or table.
 
         """
-        maker: Maker = getattr(importlib.import_module(f"hdagen.paper.figures.{self.module}"), self.name)
+        maker: Maker = getattr(importlib.import_module(f"hdagen.paper.figures.{self.module}"), f"make_{self.name}")
         return maker(bench)
 
 
-FIGURES = (
-    Listed("table1", "drive_figures", "Parameters of the validation model"),
-    Listed("table2", "drive_figures", "Parameters of the DC motor"),
-    Listed("fig3b", "drive_figures", "Hysteresis effect: torque against torsion, input locked"),
-    Listed("fig8", "drive_figures", "Stiffness curve of the drive"),
-    Listed("fig9", "estimation_validation", "Numerical validation of torque estimation"),
-    Listed("fig11", "compliance_figures", "Admittance control: M, B and K varied"),
-    Listed("fig12", "compliance_figures", "Impedance control: M, B and K varied"),
-    Listed("maps11", "compliance_maps", "Admittance control: maps over M, B and K"),
-    Listed("maps12", "compliance_maps", "Impedance control: maps over M, B and K"),
-    Listed("fig14", "kinematic_torsion_figures", "Kinematic torsion and the angle of the output"),
-    Listed("fig15", "estimation_figures", "Torque estimation of both joints"),
-    Listed("resolution", "estimation_validation", "Torque error against encoder resolution"),
-    Listed("fig16", "tracking_figures", "Compliance control: paths of the tip"),
-    Listed("fig17", "tracking_figures", "Position tracking in x and y"),
-    Listed("table3", "tracking_figures", "Parameters of the compliance control"),
-    Listed("table4", "tracking_figures", "Tracking errors"),
-    Listed("sensorless", "sensorless_figures", "Compliance control without a torque sensor"),
-    Listed("fig18", "collision_figures", "Collision: set-up, force and clearance"),
-    Listed("fig19", "collision_figures", "Collision, admittance control"),
-    Listed("fig20", "collision_figures", "Collision, impedance control"),
-    Listed("fig21", "collision_comparison", "Collision: both controllers compared"),
-    Listed("table5", "collision_figures", "Parameters of the collision experiment"),
-    Listed("joints3", "three_joint_figures", "The outlook: an arm of three joints"),
+PAPER_FIGURES = (
+    FigureEntry("table1", "drive_figures", "Parameters of the validation model"),
+    FigureEntry("table2", "drive_figures", "Parameters of the DC motor"),
+    FigureEntry("fig3b", "drive_figures", "Hysteresis effect: torque against torsion, input locked"),
+    FigureEntry("fig8", "drive_figures", "Stiffness curve of the drive"),
+    FigureEntry("fig9", "estimation_validation", "Numerical validation of torque estimation"),
+    FigureEntry("fig11", "compliance_figures", "Admittance control: M, B and K varied"),
+    FigureEntry("fig12", "compliance_figures", "Impedance control: M, B and K varied"),
+    FigureEntry("maps11", "compliance_maps", "Admittance control: maps over M, B and K"),
+    FigureEntry("maps12", "compliance_maps", "Impedance control: maps over M, B and K"),
+    FigureEntry("fig14", "kinematic_torsion_figures", "Kinematic torsion and the angle of the output"),
+    FigureEntry("fig15", "estimation_figures", "Torque estimation of both joints"),
+    FigureEntry("resolution", "estimation_validation", "Torque error against encoder resolution"),
+    FigureEntry("fig16", "tracking_figures", "Compliance control: paths of the tip"),
+    FigureEntry("fig17", "tracking_figures", "Position tracking in x and y"),
+    FigureEntry("table3", "tracking_figures", "Parameters of the compliance control"),
+    FigureEntry("table4", "tracking_figures", "Tracking errors"),
+    FigureEntry("sensorless", "sensorless_figures", "Compliance control without a torque sensor"),
+    FigureEntry("fig18", "collision_figures", "Collision: set-up, force and clearance"),
+    FigureEntry("fig19", "collision_figures", "Collision, admittance control"),
+    FigureEntry("fig20", "collision_figures", "Collision, impedance control"),
+    FigureEntry("fig21", "collision_comparison", "Collision: both controllers compared"),
+    FigureEntry("table5", "collision_figures", "Parameters of the collision experiment"),
+    FigureEntry("joints3", "three_joint_figures", "The outlook: an arm of three joints"),
 )
 
 
-def named(names: Sequence[str]) -> tuple[Listed, ...]:
+def find_figures(names: Sequence[str]) -> tuple[FigureEntry, ...]:
     """Find figures by name.
 
     Args:
@@ -77,16 +77,16 @@ def named(names: Sequence[str]) -> tuple[Listed, ...]:
         PlantError: there is no figure of a name; the message lists the names.
 
     """
-    known = {figure.name: figure for figure in FIGURES}
+    known = {figure.name: figure for figure in PAPER_FIGURES}
     problems = []
     for name in names:
         if name == "list":
             problems.append("list stands alone: hdagen paper list.")
         elif name not in known and name != "all":
-            near = meant(name.lower().replace(" ", "").replace(".", ""), known)
+            near = suggest_name(name.lower().replace(" ", "").replace(".", ""), known)
             problems.append(f"no figure or table named {name[:40]!r}{near}; there are {', '.join(known)}, and all.")
     if problems:
         raise PlantError("\n".join(problems))
     if "all" in names:
-        return FIGURES
+        return PAPER_FIGURES
     return tuple(known[name] for name in dict.fromkeys(names))

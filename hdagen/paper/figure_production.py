@@ -14,17 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.paper import figure_store
-from hdagen.paper.figure_catalogue import Listed
-from hdagen.paper.prototype.virtual_prototype import ROBOT, TABLE_1, THREE, Bench
+from hdagen.paper.figure_catalogue import FigureEntry
+from hdagen.paper.prototype.virtual_prototype import ROBOT, TABLE_1, THREE_JOINTS, Bench
 
-Content = dict[str, Any]  # the JSON of a figure
-LONGEST = "maps"  # the module that starts first; its threads use the processors that other processes leave
-_worker: dict[str, Bench] = {}  # the bench that a worker process keeps from group to group
+FigureContent = dict[str, Any]  # the JSON of a figure
+FIRST_MODULE = "maps"  # the module that starts first; its threads use the processors that other processes leave
+_worker_bench: dict[str, Bench] = {}  # the bench that a worker process keeps from group to group
 
 
-def produce(
-    figures: Sequence[Listed], folder: Path, profile: str, processes: int, say: Callable[[str], None]
-) -> Iterator[tuple[Listed, Content, bool]]:
+def make_figures(
+    figures: Sequence[FigureEntry], folder: Path, profile: str, processes: int, say: Callable[[str], None]
+) -> Iterator[tuple[FigureEntry, FigureContent, bool]]:
     """Make figures, and store their files.
 
     Args:
@@ -43,32 +43,37 @@ def produce(
     """
     bench = Bench(profile)
     say("building the arms")
-    arms = [*(bench.arm(robot) for robot in (ROBOT, TABLE_1, THREE)), bench.lean()]
+    arms = [*(bench.arm(robot) for robot in (ROBOT, TABLE_1, THREE_JOINTS)), bench.lean_arm()]
     builds = tuple(arm.folder.name for arm in arms)
-    came_from = figure_store.inputs(builds)
-    groups: dict[str, list[Listed]] = {}  # figures that share runs
+    came_from = figure_store.hash_inputs(builds)
+    groups: dict[str, list[FigureEntry]] = {}  # figures that share runs
     for figure in figures:
-        done = figure_store.finished(folder, figure.name, came_from)
+        done = figure_store.read_finished(folder, figure.name, came_from)
         if done is not None:
             yield figure, done, False
         else:
             groups.setdefault(figure.module, []).append(figure)
-    order = sorted(groups.values(), key=lambda group: group[0].module != LONGEST)
+    order = sorted(groups.values(), key=lambda group: group[0].module != FIRST_MODULE)
     if processes < 2 or len(groups) < 2:
         for figure in (figure for group in order for figure in group):
             say(figure.title)
-            yield figure, made(bench, figure, folder, came_from), True
+            yield figure, make_figure_files(bench, figure, folder, came_from), True
         return
-    yield from _together(order, folder, bench, came_from, processes, say)
+    yield from _make_in_processes(order, folder, bench, came_from, processes, say)
 
 
-def _together(
-    groups: list[list[Listed]], folder: Path, bench: Bench, came_from: str, processes: int, say: Callable[[str], None]
-) -> Iterator[tuple[Listed, Content, bool]]:
+def _make_in_processes(
+    groups: list[list[FigureEntry]],
+    folder: Path,
+    bench: Bench,
+    came_from: str,
+    processes: int,
+    say: Callable[[str], None],
+) -> Iterator[tuple[FigureEntry, FigureContent, bool]]:
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, context, _begin, (bench,)) as pool:
+    with ProcessPoolExecutor(processes, context, _begin_worker, (bench,)) as pool:
         heard = signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers inherit this until they have begun
-        waiting = {pool.submit(_group, group, folder, came_from): group for group in groups}
+        waiting = {pool.submit(_make_group, group, folder, came_from): group for group in groups}
         signal.signal(signal.SIGINT, heard)
         try:
             for future in as_completed(waiting):
@@ -82,10 +87,10 @@ def _together(
             raise
 
 
-def _begin(bench: Bench) -> None:
+def _begin_worker(bench: Bench) -> None:
     """Start a worker with a bench of its own, whose runs all its groups share."""
-    _worker["bench"] = bench
-    signal.signal(signal.SIGINT, _stop)
+    _worker_bench["bench"] = bench
+    signal.signal(signal.SIGINT, _stop_worker)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -97,28 +102,28 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _stop(*_: object) -> None:
+def _stop_worker(*_: object) -> None:
     """End an interrupted worker: it leaves its figure, begins nothing more, and prints nothing, as the parent does."""
-    _worker.clear()
+    _worker_bench.clear()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.unraisablehook = lambda _: None  # for an interrupt in a callback, where SystemExit cannot be raised
     sys.exit(1)
 
 
-def _group(group: list[Listed], folder: Path, came_from: str) -> list[Content]:
-    if not _worker:
+def _make_group(group: list[FigureEntry], folder: Path, came_from: str) -> list[FigureContent]:
+    if not _worker_bench:
         sys.exit(1)
-    return [made(_worker["bench"], figure, folder, came_from) for figure in group]
+    return [make_figure_files(_worker_bench["bench"], figure, folder, came_from) for figure in group]
 
 
-def made(bench: Bench, figure: Listed, folder: Path, came_from: str) -> Content:
+def make_figure_files(bench: Bench, figure: FigureEntry, folder: Path, came_from: str) -> FigureContent:
     """Simulate and draw a figure and write its files; return its JSON."""
     begun = time.perf_counter()
-    result = figure.make(bench)
-    return figure_store.put(folder, result, came_from, time.perf_counter() - begun)
+    result = figure.make_result(bench)
+    return figure_store.store_figure(folder, result, came_from, time.perf_counter() - begun)
 
 
-def processors() -> int:
+def count_processors() -> int:
     """Count the processors that this process may use, two at most: the longest figure needs no more."""
     if hasattr(os, "sched_getaffinity"):
         return min(2, len(os.sched_getaffinity(0)))

@@ -16,19 +16,19 @@ import numpy as np
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.log.measured_log import write as write_log
-from hdagen.paper.drawing import drawn
-from hdagen.paper.paper_page import section
+from hdagen.paper.drawing import draw_result
+from hdagen.paper.paper_page import make_section
 from hdagen.paper.prototype.figure_result import Result
-from hdagen.support.atomic_write import write_whole
+from hdagen.support.atomic_write import write_atomically
 from hdagen.support.input_file import InputFileError, read_json
 
 SCHEMA = 1
-LARGEST = 10_000_000  # bytes of a figure's JSON
-SECTIONS = "sections"  # folder of the page's sections
+LARGEST_JSON = 10_000_000  # bytes of a figure's JSON
+SECTIONS_FOLDER = "sections"  # folder of the page's sections
 
 
 @cache
-def inputs(builds: tuple[str, ...]) -> str:
+def hash_inputs(builds: tuple[str, ...]) -> str:
     """Hash the inputs of all figures: this package's own code, and the builds of the arms.
 
     Args:
@@ -45,22 +45,22 @@ def inputs(builds: tuple[str, ...]) -> str:
     return digest.hexdigest()[:16]
 
 
-def finished(folder: Path, name: str, came_from: str) -> dict[str, Any] | None:
+def read_finished(folder: Path, name: str, came_from: str) -> dict[str, Any] | None:
     """Read the JSON of a finished figure.
 
     Args:
         folder: of the results.
         name: of the figure.
-        came_from: hash of the inputs, as `inputs` gives it.
+        came_from: hash of the inputs, as `hash_inputs` gives it.
 
     Returns:
         The JSON of a figure whose files are complete and come from these inputs; None where it has to be made.
 
     """
     try:
-        content = read_json(folder / f"{name}.json", LARGEST, "make it again")
+        content = read_json(folder / f"{name}.json", LARGEST_JSON, "make it again")
         same = content["schema"] == SCHEMA and content["inputs"] == came_from
-        kept = same and all(digest_of(folder / file) == digest for file, digest in content["files"].items())
+        kept = same and all(digest_file(folder / file) == digest for file, digest in content["files"].items())
     except (InputFileError, OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
     if not kept:
@@ -68,13 +68,13 @@ def finished(folder: Path, name: str, came_from: str) -> dict[str, Any] | None:
     return dict(content)
 
 
-def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[str, Any]:
+def store_figure(folder: Path, result: Result, came_from: str, seconds: float) -> dict[str, Any]:
     """Write a figure's files. Its JSON is the last, and tells that the others are complete.
 
     Args:
         folder: of the results.
         result: the figure or table.
-        came_from: hash of the inputs, as `inputs` gives it.
+        came_from: hash of the inputs, as `hash_inputs` gives it.
         seconds: that it took to make.
 
     Returns:
@@ -84,14 +84,14 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
         PlantError: matplotlib is missing, or a file cannot be written.
 
     """
-    svg, png = drawn(result)
-    part = json.dumps(section(result), ensure_ascii=False, indent=1).encode()
-    files = {f"{result.name}.svg": svg, f"{result.name}.png": png, f"{SECTIONS}/{result.name}.json": part}
+    svg, png = draw_result(result)
+    part = json.dumps(make_section(result), ensure_ascii=False, indent=1).encode()
+    files = {f"{result.name}.svg": svg, f"{result.name}.png": png, f"{SECTIONS_FOLDER}/{result.name}.json": part}
     try:
-        (folder / SECTIONS).mkdir(parents=True, exist_ok=True)
+        (folder / SECTIONS_FOLDER).mkdir(parents=True, exist_ok=True)
         (folder / f"{result.name}.json").unlink(missing_ok=True)
         for file, written in files.items():
-            write_whole(folder / file, written)
+            write_atomically(folder / file, written)
         logs, robots = {}, dict[bytes, str]()
         for end, log in result.logs.items():
             file = f"{result.name}_{end}.parquet"
@@ -102,22 +102,22 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
             logs[file] = robot
         for text, file in robots.items():  # one for all logs of the same arm
             files[file] = text
-            write_whole(folder / file, text)
+            write_atomically(folder / file, text)
         content = {
             "schema": SCHEMA, "name": result.name, "title": result.title, "text": result.text,
-            "claims": [plain(asdict(claim)) for claim in result.claims],
+            "claims": [as_json_value(asdict(claim)) for claim in result.claims],
             "choices": [asdict(choice) for choice in result.choices],
-            "numbers": plain(result.numbers), "logs": logs, "inputs": came_from, "seconds": round(seconds, 2),
-            "files": {file: digest_of(folder / file) for file in [*files, *logs]},
+            "numbers": as_json_value(result.numbers), "logs": logs, "inputs": came_from, "seconds": round(seconds, 2),
+            "files": {file: digest_file(folder / file) for file in [*files, *logs]},
         }  # fmt: skip
         whole = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        write_whole(folder / f"{result.name}.json", whole.encode())
+        write_atomically(folder / f"{result.name}.json", whole.encode())
     except OSError as error:
         raise PlantError(f"{folder}: {error.strerror}; choose another place with --out.") from None
     return content
 
 
-def sections(folder: Path, names: Sequence[str]) -> list[dict[str, Any]]:
+def read_sections(folder: Path, names: Sequence[str]) -> list[dict[str, Any]]:
     """Read the page's sections of finished figures.
 
     Args:
@@ -125,20 +125,20 @@ def sections(folder: Path, names: Sequence[str]) -> list[dict[str, Any]]:
         names: of the figures.
 
     Returns:
-        Their sections, as `hdagen.paper.paper_page.section` made them.
+        Their sections, as `hdagen.paper.paper_page.make_section` made them.
 
     """
-    return [json.loads((folder / SECTIONS / f"{name}.json").read_text(encoding="utf-8")) for name in names]
+    return [json.loads((folder / SECTIONS_FOLDER / f"{name}.json").read_text(encoding="utf-8")) for name in names]
 
 
-def plain(value: Any) -> Any:
+def as_json_value(value: Any) -> Any:
     """Convert a value to one that JSON takes: numbers to nine digits, None in place of NaN and infinity."""
     if isinstance(value, dict):
-        return {str(key): plain(entry) for key, entry in value.items()}
+        return {str(key): as_json_value(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
+        return [as_json_value(entry) for entry in value]
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, int | np.integer):
@@ -148,6 +148,6 @@ def plain(value: Any) -> Any:
     return value
 
 
-def digest_of(path: Path) -> str:
+def digest_file(path: Path) -> str:
     """Hash a file, so that a change of it is noticed."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:32]

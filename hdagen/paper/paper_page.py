@@ -15,68 +15,72 @@ from hdagen.pages import figure, page
 from hdagen.pages.page import Section
 from hdagen.paper.prototype.figure_result import Axes, Claim, Grid, Map, Result
 
-SAYS, WHY = ("the paper says", "here"), "why they differ, or from where on"
-OPEN, ERRATA = ("question", "taken", "alternatives"), ("printed", "checked", "how it shows")
-WORDY = 24  # letters from which a cell of a table breaks its lines
-FILLED = 2.0  # largest ratio of the spans of two parts that share axes
-HOLDS = {True: "yes", False: "no", None: "–"}
+CLAIM_COLUMNS, REASON_COLUMN = ("the paper says", "here"), "why they differ, or from where on"
+CHOICE_COLUMNS, ERRATA_COLUMNS = ("question", "taken", "alternatives"), ("printed", "checked", "how it shows")
+WRAPPED_CELL_LENGTH = 24  # letters from which a cell of a table breaks its lines
+LARGEST_SPAN_RATIO = 2.0  # largest ratio of the spans of two parts that share axes
+HOLDS_WORDS = {True: "yes", False: "no", None: "–"}
 
 
-def interactive(result: Result) -> list[str]:
+def render_parts(result: Result) -> list[str]:
     """Render the parts as the page's own figures, which follow the reader's light or dark."""
     out: list[str] = []
     parts, k = list(result.parts), 0
     while k < len(parts):
         part = parts[k]
         if isinstance(part, Grid):
-            out.append(figure.table(part.heading, part.columns, part.rows, digits=part.digits, sentences=_wordy(part)))
+            out.append(
+                figure.draw_table(
+                    part.heading, part.columns, part.rows, digits=part.digits, sentences=_wrapped_columns(part)
+                )
+            )
             k += 1
         elif isinstance(part, Map):
             maps = [one for one in takewhile(lambda one: isinstance(one, Map), parts[k:]) if isinstance(one, Map)]
-            out.append(figure.abreast([_heat(one) for one in maps]))
+            out.append(figure.place_abreast([_render_map(one) for one in maps]))
             k += len(maps)
         else:
             group = [part]
-            while k + len(group) < len(parts) and _alike(part, parts[k + len(group)]):
+            while k + len(group) < len(parts) and _share_axes(part, parts[k + len(group)]):
                 following = parts[k + len(group)]
                 assert isinstance(following, Axes)
                 group.append(following)
-            out.append(_planes(result, group))
+            out.append(_render_planes(result, group))
             k += len(group)
     return out
 
 
-def _heat(part: Map) -> str:
-    return figure.heat(
+def _render_map(part: Map) -> str:
+    return figure.draw_heat_map(
         part.heading, part.x, part.y, part.values, x_label=part.x_label, y_label=part.y_label,
         value_label=part.value_label, log_x=part.log_x, log_y=part.log_y,
     )  # fmt: skip
 
 
-def _wordy(part: Grid) -> list[str]:
+def _wrapped_columns(part: Grid) -> list[str]:
     """The columns with long words or sentences, which break their lines."""
     found = []
     for k, name in enumerate(part.columns):
         words = [cell for row in part.rows if isinstance(cell := row[k], str)]
-        if any(len(word) > WORDY and " " in word for word in words):
+        if any(len(word) > WRAPPED_CELL_LENGTH and " " in word for word in words):
             found.append(name)
     return found
 
 
-def _alike(one: Axes, other: object) -> bool:
+def _share_axes(one: Axes, other: object) -> bool:
     """Tell whether two parts share their axes' names and kinds, and fill the same axes."""
     if not isinstance(other, Axes) or (one.x_label, one.y_label, one.log_x, one.log_y, one.equal) != (
         other.x_label, other.y_label, other.log_x, other.log_y, other.equal,
     ):  # fmt: skip
         return False
     for side in ("x", "y"):
-        first, second = _span(one, side), _span(other, side)
-        if max(first, second) > FILLED * min(first, second):
+        first, second = _value_span(one, side), _value_span(other, side)
+        if max(first, second) > LARGEST_SPAN_RATIO * min(first, second):
             return False
     return True
 
 
-def _span(part: Axes, side: str) -> float:
+def _value_span(part: Axes, side: str) -> float:
     """Difference of the largest and the least value of all curves."""
     values = np.concatenate([np.asarray(getattr(curve, side), float) for curve in part.curves])
     return float(np.nanmax(values) - np.nanmin(values))
@@ -89,7 +93,7 @@ def _make_plane(axes: Axes, heading: str) -> figure.Plane:
     return figure.Plane(curves, heading=heading, marks=axes.marks)
 
 
-def _planes(result: Result, group: Sequence[Axes]) -> str:
+def _render_planes(result: Result, group: Sequence[Axes]) -> str:
     """Render parts that share axes, side by side."""
     first = group[0]
     drawn = [_make_plane(axes, axes.heading) for axes in group]
@@ -103,13 +107,13 @@ def _planes(result: Result, group: Sequence[Axes]) -> str:
     every = len(group) == len([part for part in result.parts if isinstance(part, Axes)])
     if every or len(group) > 2:
         title = result.title
-    return figure.planes(
+    return figure.draw_planes(
         title, drawn, x_label=first.x_label, y_label=first.y_label, columns=min(2, result.columns), equal=first.equal,
         log_x=first.log_x, log_y=first.log_y, caption=caption,
     )  # fmt: skip
 
 
-def section(result: Result) -> dict[str, Any]:
+def make_section(result: Result) -> dict[str, Any]:
     """Make the page's section of a result.
 
     Args:
@@ -119,22 +123,24 @@ def section(result: Result) -> dict[str, Any]:
         Its "text", and its "figures" in HTML: the parts, then the table of claims.
 
     """
-    return {"text": result.text, "figures": [*interactive(result), claims_table(result.claims)]}
+    return {"text": result.text, "figures": [*render_parts(result), render_claims(result.claims)]}
 
 
-def claims_table(claims: Sequence[Claim]) -> str:
+def render_claims(claims: Sequence[Claim]) -> str:
     """Render the table of claims: "the paper says … / here …"."""
-    rows = [(claim.paper, claim.here, HOLDS[claim.holds], claim.why or "–") for claim in claims]
-    return figure.table("The paper and here", (*SAYS, "holds", WHY), rows, sentences=(*SAYS, WHY))
+    rows = [(claim.paper, claim.here, HOLDS_WORDS[claim.holds], claim.why or "–") for claim in claims]
+    return figure.draw_table(
+        "The paper and here", (*CLAIM_COLUMNS, "holds", REASON_COLUMN), rows, sentences=(*CLAIM_COLUMNS, REASON_COLUMN)
+    )
 
 
-def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequence[Mapping[str, Any]]) -> Path:
+def write_page(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequence[Mapping[str, Any]]) -> Path:
     """Write the page, index.html.
 
     Args:
         folder: the folder of the results.
         contents: the JSON of each figure.
-        sections: the section of each figure, as `section` makes it.
+        sections: the section of each figure, as `make_section` makes it.
 
     Returns:
         The path of the page.
@@ -143,12 +149,12 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
         OSError: the page cannot be written.
 
     """
-    claims = [(heading(content["name"]), claim) for content in contents for claim in content["claims"]]
+    claims = [(paper_heading(content["name"]), claim) for content in contents for claim in content["claims"]]
     outcomes = [claim["holds"] for _, claim in claims]
     kept, broken = (sum(holds is value for holds in outcomes) for value in (True, False))
-    summary = [(name, claim["paper"], claim["here"], HOLDS[claim["holds"]]) for name, claim in claims]
+    summary = [(name, claim["paper"], claim["here"], HOLDS_WORDS[claim["holds"]]) for name, claim in claims]
     choices = [
-        (heading(content["name"]), choice["question"], choice["taken"], choice["alternatives"])
+        (paper_heading(content["name"]), choice["question"], choice["taken"], choice["alternatives"])
         for content in contents for choice in content["choices"]
     ]  # fmt: skip
     whole = [
@@ -156,21 +162,21 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
             "Every claim",
             "What the paper says, what came out on its virtual prototype, and whether that is the same. The sections "
             "below have the figures, and why they differ where they do.",
-            [figure.table("The paper and here", ("", *SAYS, "holds"), summary, sentences=SAYS)],
+            [figure.draw_table("The paper and here", ("", *CLAIM_COLUMNS, "holds"), summary, sentences=CLAIM_COLUMNS)],
         ),
         *(
-            Section(f"{heading(content['name'])}: {content['title']}", made["text"], made["figures"])
+            Section(f"{paper_heading(content['name'])}: {content['title']}", made["text"], made["figures"])
             for content, made in zip(contents, sections, strict=True)
         ),
         Section(
             "What the paper leaves open",
             "What was taken, and what the alternatives give.",
-            [figure.table("Choices", ("", *OPEN), choices, sentences=OPEN)],
+            [figure.draw_table("Choices", ("", *CHOICE_COLUMNS), choices, sentences=CHOICE_COLUMNS)],
         ),
         Section(
             "Errata",
             "The paper's equations: as printed, as used, and how it shows. Each is a test.",
-            [figure.table("Errata", ("equation", *ERRATA), errata(), sentences=ERRATA)],
+            [figure.draw_table("Errata", ("equation", *ERRATA_COLUMNS), read_errata(), sentences=ERRATA_COLUMNS)],
         ),
     ]
     verdict = (
@@ -182,11 +188,11 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
         "ROBOT is the .toml of the same name, or paper_prototype without one. docs/paper.md says why things differ."
     )
     target = folder / "index.html"
-    page.write(target, "The paper, reproduced", verdict, whole, reproduce)
+    page.write_page(target, "The paper, reproduced", verdict, whole, reproduce)
     return target
 
 
-def heading(name: str) -> str:
+def paper_heading(name: str) -> str:
     """Name a figure as the paper does.
 
     Args:
@@ -208,7 +214,7 @@ def heading(name: str) -> str:
     return f"{kind} {number}{part}"
 
 
-def errata() -> list[list[str]]:
+def read_errata() -> list[list[str]]:
     """Read the rows of docs/errata.md from the package's copy: equation, printed, checked, how it shows."""
     text = resources.files("hdagen.data").joinpath("errata.md").read_text("utf-8")
     lines = [line for line in text.splitlines() if line.startswith("|")]

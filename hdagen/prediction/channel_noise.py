@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import torque_constant
-from hdagen.log.channel_statistics import describe
+from hdagen.arm.ratings import get_torque_constant
+from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
-from hdagen.log.timestamps import clock_noise
-from hdagen.prediction.measurement_model import encoder_noise
+from hdagen.log.timestamps import compute_timing_noise
+from hdagen.prediction.measurement_model import compute_encoder_noise
 
 
-def channel_noise(arm: Arm, log: Log, name: str, rows: NDArray[np.bool_] | slice = slice(None)) -> float:
+def compute_channel_noise(arm: Arm, log: Log, name: str, rows: NDArray[np.bool_] | slice = slice(None)) -> float:
     """Compute the noise of a channel.
 
     Args:
@@ -30,14 +30,14 @@ def channel_noise(arm: Arm, log: Log, name: str, rows: NDArray[np.bool_] | slice
         speeds of the rows; where it states none, as the channel shows in the rows.
 
     """
-    known = _stated_noise(arm, name)
+    known = _get_stated_noise(arm, name)
     if not known:
-        return describe(name, log[name][rows]).noise
-    instants = instants_noise(arm, log, name)[rows]
+        return compute_channel_statistics(name, log[name][rows]).noise
+    instants = compute_channel_timing_noise(arm, log, name)[rows]
     return math.hypot(known, float(np.sqrt(np.mean(instants**2))))
 
 
-def instants_noise(arm: Arm, log: Log, name: str) -> Array:
+def compute_channel_timing_noise(arm: Arm, log: Log, name: str) -> Array:
     """Compute the noise of a channel that uncertain instants cause.
 
     Args:
@@ -50,19 +50,19 @@ def instants_noise(arm: Arm, log: Log, name: str) -> Array:
         noise the robot file does not state: the noise that these show contains it.
 
     """
-    if not name.rpartition("_")[0].endswith("position") or not _stated_noise(arm, name):
+    if not name.rpartition("_")[0].endswith("position") or not _get_stated_noise(arm, name):
         return np.zeros(len(log))
-    return clock_noise(log.time, log[name], log.time_uncertainty)
+    return compute_timing_noise(log.time, log[name], log.time_uncertainty)
 
 
-def _stated_noise(arm: Arm, name: str) -> float:
+def _get_stated_noise(arm: Arm, name: str) -> float:
     """The standard deviation of a channel's noise as the robot file states it; 0 where it states none."""
     quantity, _, j = name.rpartition("_")
     sensor = arm.robot["joints"][int(j) - 1]["sensor"]
     if quantity.endswith("position"):
-        return encoder_noise(sensor, quantity.split("_")[0])
+        return compute_encoder_noise(sensor, quantity.split("_")[0])
     if quantity != "motor_torque":
         return float(sensor["current_noise"])
     if name in arm.input_names:  # else it stands for a current, whose noise the robot file states
         return 0.0
-    return float(sensor["current_noise"] * torque_constant(arm, int(j)))
+    return float(sensor["current_noise"] * get_torque_constant(arm, int(j)))

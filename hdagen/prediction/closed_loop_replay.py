@@ -24,23 +24,23 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.input_stage import InputStage
-from hdagen.log.channel_statistics import describe
+from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
-from hdagen.prediction.driving_inputs import acted_on, driven_by
-from hdagen.prediction.kalman_filter import estimate
-from hdagen.prediction.measurement_model import Readings, mechanical
-from hdagen.prediction.window_replay import Replay, check, compare, window_starts
+from hdagen.prediction.driving_inputs import compute_effective_inputs, read_driving_inputs
+from hdagen.prediction.kalman_filter import estimate_states
+from hdagen.prediction.measurement_model import Readings, count_mechanical_states
+from hdagen.prediction.window_replay import Replay, check_log_fits_arm, compare_with_log, find_window_starts
 from hdagen.support.input_file import InputFileError, read_toml
-from hdagen.support.messages import shown, shown_path
+from hdagen.support.messages import show_path, show_value
 
-_LARGEST = 100_000  # bytes of a controller.toml
-_REMEMBERED = 512  # rows of commands before a window that start the input stage
-_MOST_SAMPLES = 1000
+_MOST_CONTROLLER_BYTES = 100_000  # bytes of a controller.toml
+_INPUT_MEMORY_ROWS = 512  # rows of commands before a window that start the input stage
+_MOST_FILTER_SAMPLES = 1000
 
 
 @dataclass(frozen=True)
-class Law:
+class JointLaw:
     """The law of one joint.
 
     Attributes:
@@ -61,7 +61,7 @@ class Law:
     encoder: str = "joint"
 
 
-def read_controller(path: str | Path) -> tuple[Law, ...]:
+def read_controller(path: str | Path) -> tuple[JointLaw, ...]:
     """Read the laws of a controller.toml.
 
     Args:
@@ -75,10 +75,10 @@ def read_controller(path: str | Path) -> tuple[Law, ...]:
 
     """
     try:
-        content = read_toml(Path(path), _LARGEST, "see docs/replay.md for what a controller.toml holds")
+        content = read_toml(Path(path), _MOST_CONTROLLER_BYTES, "see docs/replay.md for what a controller.toml holds")
     except InputFileError as error:
         raise PlantError(error) from None
-    path = shown_path(path)
+    path = show_path(path)
     problems = [
         f"{path}: unknown key {key[:40]!r}; possible is [[joint]], one a joint." for key in content if key != "joint"
     ]
@@ -87,25 +87,26 @@ def read_controller(path: str | Path) -> tuple[Law, ...]:
         raise PlantError(
             "\n".join([*problems, f"{path}: found no [[joint]] table; write one a joint, with kp and kv."])
         )
-    laws = [_law(f"{path}, joint {j}", table, problems) for j, table in enumerate(tables, 1)]
+    laws = [_parse_joint_law(f"{path}, joint {j}", table, problems) for j, table in enumerate(tables, 1)]
     if problems:
         raise PlantError("\n".join(problems))
     return tuple(law for law in laws if law is not None)
 
 
-def _law(where: str, table: Mapping[str, Any], problems: list[str]) -> Law | None:
+def _parse_joint_law(where: str, table: Mapping[str, Any], problems: list[str]) -> JointLaw | None:
     """One joint's law, or None and why not."""
     before = len(problems)
     known = {"kp": (0.0, 1e6), "kv": (0.0, 1e9), "torque_scale": (-1e6, 1e6), "limit": (0.0, 1e9)}
     for key, value in table.items():
         if key == "velocity_filter_samples":
-            if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _MOST_SAMPLES:
+            if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _MOST_FILTER_SAMPLES:
                 problems.append(
-                    f"{where}, {key}: found {shown(value)}, possible is a whole number from 1 to {_MOST_SAMPLES}."
+                    f"{where}, {key}: found {show_value(value)}, possible is a whole number from 1 to"
+                    f" {_MOST_FILTER_SAMPLES}."
                 )
         elif key == "encoder":
             if value not in ("joint", "motor"):
-                problems.append(f'{where}, {key}: found {shown(value)}, possible is "joint" or "motor".')
+                problems.append(f'{where}, {key}: found {show_value(value)}, possible is "joint" or "motor".')
         elif key not in known:
             names = ", ".join((*known, "velocity_filter_samples", "encoder"))
             problems.append(f"{where}: unknown key {key[:40]!r}; possible are {names}.")
@@ -113,14 +114,16 @@ def _law(where: str, table: Mapping[str, Any], problems: list[str]) -> Law | Non
             isinstance(value, bool) or not isinstance(value, int | float) or not known[key][0] <= value <= known[key][1]
         ):
             low, high = known[key]
-            problems.append(f"{where}, {key}: found {shown(value)}, possible is a number from {low:g} to {high:g}.")
+            problems.append(
+                f"{where}, {key}: found {show_value(value)}, possible is a number from {low:g} to {high:g}."
+            )
     problems += [f"{where}: {key} is missing; state it." for key in ("kp", "kv") if key not in table]
     if len(problems) > before:
         return None
-    return Law(**table)
+    return JointLaw(**table)
 
 
-def closed_loop(arm: Arm, log: Log, laws: tuple[Law, ...], window: float = math.inf) -> Replay:
+def replay_closed_loop(arm: Arm, log: Log, laws: tuple[JointLaw, ...], window: float = math.inf) -> Replay:
     """Replay a log with control laws that close the loop around the arm.
 
     Args:
@@ -137,20 +140,20 @@ def closed_loop(arm: Arm, log: Log, laws: tuple[Law, ...], window: float = math.
         PlantError: The laws do not fit the arm, or the loop leaves all bounds.
 
     """
-    check(arm, log)
-    _fits(arm, log, laws)
-    logged, _ = driven_by(arm, log, "command")
-    readings, m = Readings.of(arm, log), mechanical(arm)
-    starts = window_starts(log.time, window)
-    begun = np.stack([readings.state(arm, int(row)) for row in starts])
-    if not readings.say_all(arm) and len(starts) > 1:
-        acting, _ = acted_on(arm, log, logged, "command")
-        found = estimate(arm, log, readings, acting, starts[1:], np.zeros((len(log), arm.nx - m)))
+    check_log_fits_arm(arm, log)
+    _check_laws_fit(arm, log, laws)
+    logged, _ = read_driving_inputs(arm, log, "command")
+    readings, m = Readings.from_log(arm, log), count_mechanical_states(arm)
+    starts = find_window_starts(log.time, window)
+    begun = np.stack([readings.state_at(arm, int(row)) for row in starts])
+    if not readings.measures_full_state(arm) and len(starts) > 1:
+        acting, _ = compute_effective_inputs(arm, log, logged, "command")
+        found = estimate_states(arm, log, readings, acting, starts[1:], np.zeros((len(log), arm.nx - m)))
         begun[1:] = np.where(np.isfinite(found).all(1, keepdims=True), found, begun[1:])
     states, inputs, hidden = np.empty((len(log), arm.nx)), logged.copy(), np.zeros(arm.nx - m)
     for x, first, end in zip(begun, starts, np.append(starts[1:], len(log)), strict=True):
         x[m:] = hidden
-        hidden = _window(arm, log, laws, x, range(int(first), int(end)), states, inputs)[m:]
+        hidden = _simulate_window(arm, log, laws, x, range(int(first), int(end)), states, inputs)[m:]
     lost = np.flatnonzero(~np.isfinite(states).all(1))
     if len(lost):
         raise PlantError(
@@ -158,12 +161,15 @@ def closed_loop(arm: Arm, log: Log, laws: tuple[Law, ...], window: float = math.
             "torque_scale of the controller."
         )
     note = f"The stated law closes the loop in {len(starts)} window(s); logged commands are not used."
-    return _with_commands(
-        compare(arm, log, states, acted_on(arm, log, inputs, "command")[1], starts, [note]), arm, log, inputs
+    return _add_command_columns(
+        compare_with_log(arm, log, states, compute_effective_inputs(arm, log, inputs, "command")[1], starts, [note]),
+        arm,
+        log,
+        inputs,
     )
 
 
-def _fits(arm: Arm, log: Log, laws: tuple[Law, ...]) -> None:
+def _check_laws_fit(arm: Arm, log: Log, laws: tuple[JointLaw, ...]) -> None:
     if len(laws) != arm.n:
         raise PlantError(f"the controller has {len(laws)} joint(s), the robot {arm.n}: write one [[joint]] for each.")
     missing = [
@@ -175,11 +181,11 @@ def _fits(arm: Arm, log: Log, laws: tuple[Law, ...]) -> None:
         )
 
 
-class _Joint:
+class _JointController:
     """The controller of one joint, with its encoder's readings in rad or m at the joint, as measured before the
     window."""
 
-    def __init__(self, arm: Arm, log: Log, j: int, law: Law) -> None:
+    def __init__(self, arm: Arm, log: Log, j: int, law: JointLaw) -> None:
         ratio = arm.parameters[f"ratio_{j}"]
         self.law, self.time, self.period = law, log.time.tolist(), log.period
         self.reference = log[f"joint_position_reference_{j}"].tolist()
@@ -189,7 +195,7 @@ class _Joint:
         self.seen = (log[f"{side}_position_{j}"] / units[side]).tolist()
         self.step = float(arm.robot["joints"][j - 1]["sensor"][f"{law.encoder}_encoder_resolution"])
 
-    def command(self, row: int, angle: float) -> float:
+    def compute_command(self, row: int, angle: float) -> float:
         """The command of ``row``, where the encoder's side stands at ``angle``."""
         law = self.law
         if self.step:
@@ -203,9 +209,11 @@ class _Joint:
         return law.torque_scale * min(max(output, -law.limit), law.limit)
 
 
-def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, states: Array, inputs: Array) -> Array:
+def _simulate_window(
+    arm: Arm, log: Log, laws: tuple[JointLaw, ...], x: Array, rows: range, states: Array, inputs: Array
+) -> Array:
     """Fill ``rows`` of ``states`` and of the motors' ``inputs``; return the state after the last row."""
-    joints = [_Joint(arm, log, j, law) for j, law in enumerate(laws, 1)]
+    joints = [_JointController(arm, log, j, law) for j, law in enumerate(laws, 1)]
     u, h, now, then = inputs[rows[0]].copy(), np.empty(1), x.copy(), np.empty(arm.nx)
     shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
     outputs = {name: np.empty(length) for name, length in shapes}
@@ -213,9 +221,9 @@ def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, st
     move = arm.module.bind("step_exact", now, u, arm.c, h, then)
     sides = [outputs[f"{law.encoder}_position"] for law in laws]
     held = np.diff(log.time, append=log.time[-1])
-    parts = [arm.steps_in(float(span)) for span in held]
+    parts = [arm.count_steps(float(span)) for span in held]
     each = (held / parts).tolist()
-    stage = _stage(arm, inputs, held, rows[0])
+    stage = _start_input_stage(arm, inputs, held, rows[0])
     for row in rows:
         states[row] = now
         u[arm.n :] = inputs[row, arm.n :]
@@ -225,7 +233,7 @@ def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, st
             if not math.isfinite(angle):
                 states[row:] = np.nan
                 return now
-            inputs[row, j] = joint.command(row, angle)
+            inputs[row, j] = joint.compute_command(row, angle)
         if held[row] <= 0:
             continue
         h[0] = each[row]
@@ -236,17 +244,17 @@ def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, st
     return now
 
 
-def _stage(arm: Arm, inputs: Array, held: Array, first: int) -> InputStage:
+def _start_input_stage(arm: Arm, inputs: Array, held: Array, first: int) -> InputStage:
     """The input stage at row ``first``, after the commands of the rows before it."""
-    begin = max(0, first - _REMEMBERED)
+    begin = max(0, first - _INPUT_MEMORY_ROWS)
     stage = InputStage(arm, inputs[begin, : arm.n])
-    if arm.staged:
+    if arm.has_input_stage:
         for row in range(begin, first):
             stage.step(inputs[row, : arm.n], float(held[row]))
     return stage
 
 
-def _with_commands(result: Replay, arm: Arm, log: Log, inputs: Array) -> Replay:
+def _add_command_columns(result: Replay, arm: Arm, log: Log, inputs: Array) -> Replay:
     """``result`` with the simulated commands beside the logged ones."""
     columns, errors, noise, relative = (
         dict(result.columns),
@@ -260,7 +268,7 @@ def _with_commands(result: Replay, arm: Arm, log: Log, inputs: Array) -> Replay:
         columns[name] = inputs[:, j - 1].copy()
         if name in log:
             errors[name] = float(np.sqrt(np.mean((columns[name] - log[name]) ** 2)))
-            noise[name] = describe(name, log[name]).noise
+            noise[name] = compute_channel_statistics(name, log[name]).noise
             size = float(np.sqrt(np.mean(log[name] ** 2)))
             if size:
                 relative[name] = errors[name] / size

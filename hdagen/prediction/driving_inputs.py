@@ -7,18 +7,18 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import torque_constant
+from hdagen.arm.ratings import get_torque_constant
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
-from hdagen.prediction.input_interpolation import between_rows
+from hdagen.prediction.input_interpolation import judge_interpolation
 
-INPUTS = ("command", "measured")
+INPUT_CHOICES = ("command", "measured")
 
 
-def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
+def read_driving_inputs(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
     """Read the inputs that drive a model from a log.
 
-    A measured current or torque acts from row to row as `between_rows` judges.
+    A measured current or torque acts from row to row as `judge_interpolation` judges.
 
     Args:
         arm: The arm.
@@ -33,11 +33,11 @@ def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
         PlantError: ``source`` is neither word.
 
     """
-    if source not in INPUTS:
-        raise PlantError(f"the input is {' or '.join(INPUTS)}, not {source}.")
+    if source not in INPUT_CHOICES:
+        raise PlantError(f"the input is {' or '.join(INPUT_CHOICES)}, not {source}.")
     inputs, notes, problems = np.zeros((len(log), arm.nu)), [], []
     for j in range(1, arm.n + 1):
-        name = driving_channel(log, j, source)
+        name = find_driving_channel(log, j, source)
         if name is None:
             problems.append(f"{log.source}: joint {j} has no current or torque; log motor_current_command_{j}.")
             continue
@@ -47,16 +47,16 @@ def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
                 "state it there."
             )
             continue
-        values = _in_input_unit(arm, log, j, name)
-        if not is_command(name):
-            between = between_rows(arm, log, j, values)
-            values = between.applied(values)
+        values = _read_in_input_unit(arm, log, j, name)
+        if not is_command_channel(name):
+            between = judge_interpolation(arm, log, j, values)
+            values = between.average_between_rows(values)
             if source == "command":
-                notes.append(f"No command is logged for joint {j}: {name} drives the model, {between.words}.")
+                notes.append(f"No command is logged for joint {j}: {name} drives the model, {between.description}.")
         elif source == "measured":
             notes.append(f"Joint {j} has no measured current or torque: {name} drives the model.")
         inputs[:, j - 1] = values
-        notes += _limit(arm, j, name, inputs[:, j - 1])
+        notes += _note_exceeded_current(arm, j, name, inputs[:, j - 1])
     if problems:
         raise LogError(problems)
     for name in ("tip_force_x", "tip_force_y"):
@@ -65,7 +65,7 @@ def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
     return inputs, notes
 
 
-def acted_on(arm: Arm, log: Log, inputs: Array, source: str) -> tuple[Array, Array]:
+def compute_effective_inputs(arm: Arm, log: Log, inputs: Array, source: str) -> tuple[Array, Array]:
     """Compute the inputs that act behind the input effects, and the inputs that each row shows.
 
     Commands pass through the arm's input effects, the whole log at once; a measured input acts as it is and shows
@@ -74,28 +74,28 @@ def acted_on(arm: Arm, log: Log, inputs: Array, source: str) -> tuple[Array, Arr
     Args:
         arm: The arm.
         log: The log.
-        inputs: (T, nu), as `driven_by` reads them.
-        source: "command" or "measured", as for `driven_by`.
+        inputs: (T, nu), as `read_driving_inputs` reads them.
+        source: "command" or "measured", as for `read_driving_inputs`.
 
     Returns:
         (T, nu) the inputs that act over each row, and (T, nu) the inputs that each row shows.
 
     """
-    acting, first, n = inputs.copy(), _before(arm, log, inputs[:1]), arm.n
+    acting, first, n = inputs.copy(), _find_input_before(arm, log, inputs[:1]), arm.n
     shown = np.concatenate([first, inputs[:-1]])
-    names = [driving_channel(log, j, source) or "" for j in range(1, n + 1)]
-    if arm.staged:
+    names = [find_driving_channel(log, j, source) or "" for j in range(1, n + 1)]
+    if arm.has_input_stage:
         dt = np.append(np.diff(log.time), log.period)
-        mean, at = arm.acting(inputs[:, :n], dt, first[0, :n])
-        commanded = [j for j, name in enumerate(names) if is_command(name)]
+        mean, at = arm.apply_input_stage(inputs[:, :n], dt, first[0, :n])
+        commanded = [j for j, name in enumerate(names) if is_command_channel(name)]
         acting[:, commanded], shown[:, commanded] = mean[:, commanded], at[:, commanded]
     for j, name in enumerate(names, 1):
-        if name and not is_command(name):
-            shown[:, j - 1] = _in_input_unit(arm, log, j, name)
+        if name and not is_command_channel(name):
+            shown[:, j - 1] = _read_in_input_unit(arm, log, j, name)
     return acting, shown
 
 
-def driving_channel(log: Log, j: int, source: str) -> str | None:
+def find_driving_channel(log: Log, j: int, source: str) -> str | None:
     """Find the channel that drives a joint.
 
     Args:
@@ -115,7 +115,7 @@ def driving_channel(log: Log, j: int, source: str) -> str | None:
     return next((name for name in names if name in log), None)
 
 
-def is_command(name: str) -> bool:
+def is_command_channel(name: str) -> bool:
     """Tell whether a channel is a command.
 
     Args:
@@ -128,14 +128,14 @@ def is_command(name: str) -> bool:
     return "_command_" in name
 
 
-def _in_input_unit(arm: Arm, log: Log, j: int, name: str) -> Array:
+def _read_in_input_unit(arm: Arm, log: Log, j: int, name: str) -> Array:
     """A logged current or torque (T,) as the input of joint j."""
     if "torque" in name and arm.input_names[j - 1].startswith("motor_current"):
-        return log[name] / torque_constant(arm, j)
+        return log[name] / get_torque_constant(arm, j)
     return log[name]
 
 
-def _limit(arm: Arm, j: int, name: str, current: Array) -> list[str]:
+def _note_exceeded_current(arm: Arm, j: int, name: str, current: Array) -> list[str]:
     most = arm.robot["joints"][j - 1]["drive"]["max_current"]
     if not most or not arm.input_names[j - 1].startswith("motor_current"):
         return []
@@ -145,12 +145,12 @@ def _limit(arm: Arm, j: int, name: str, current: Array) -> list[str]:
     return [f"{name} exceeds the robot file's max_current of {most:g} A in {over} row(s); the model lets it through."]
 
 
-def _before(arm: Arm, log: Log, first: Array) -> Array:
+def _find_input_before(arm: Arm, log: Log, first: Array) -> Array:
     """The input that acted before the first row (1, nu): the one measured there, else the first command."""
     before = first.copy()
     for j in range(1, arm.n + 1):
         if arm.input_names[j - 1] in log:
             before[0, j - 1] = log[arm.input_names[j - 1]][0]
         elif f"motor_torque_{j}" in log:
-            before[0, j - 1] = log[f"motor_torque_{j}"][0] / torque_constant(arm, j)
+            before[0, j - 1] = log[f"motor_torque_{j}"][0] / get_torque_constant(arm, j)
     return before

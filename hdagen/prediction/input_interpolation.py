@@ -17,20 +17,20 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.log.channel_statistics import Even, even, noise
+from hdagen.log.channel_statistics import UniformGrid, estimate_noise, make_uniform_grid
 from hdagen.log.measured_log import Log
-from hdagen.prediction.measurement_model import joint_angles
+from hdagen.prediction.measurement_model import read_joint_angles
 
-COMMANDS = "motor_current_command", "motor_torque_command"
-MOST = 20_000  # instants in the regression at most
-SLOW = 0.02  # share of the usual speed, at which tanh stands for half a direction
+COMMAND_CHANNELS = "motor_current_command", "motor_torque_command"
+MOST_INSTANTS = 20_000  # instants in the regression at most
+SLOW_SPEED_SHARE = 0.02  # share of the usual speed, at which tanh stands for half a direction
 # Blocks of time; standard errors over them from which a held input is significant
-BLOCKS, SURE = 10, 3.0
-ENDS = 3  # filter widths at each end of a log that are left out: the filter has too few rows there
+TIME_BLOCKS, HELD_STANDARD_ERRORS = 10, 3.0
+END_FILTER_WIDTHS = 3  # filter widths at each end of a log that are left out: the filter has too few rows there
 
 
 @dataclass(frozen=True)
-class BetweenRows:
+class InputInterpolation:
     """The interpolation of a measured input between rows.
 
     Attributes:
@@ -40,11 +40,11 @@ class BetweenRows:
 
     """
 
-    held: bool
+    is_held: bool
     reason: str
     uncertainty: float
 
-    def applied(self, values: Array) -> Array:
+    def average_between_rows(self, values: Array) -> Array:
         """Compute the mean input from each row to the next.
 
         Args:
@@ -55,19 +55,19 @@ class BetweenRows:
 
         """
         following = np.append(values[1:], values[-1])
-        if self.held:
+        if self.is_held:
             return following
         return (values + following) / 2
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """The interpolation and its reason, in words."""
-        if self.held:
+        if self.is_held:
             return f"taken as what acted before its row ({self.reason})"
         return f"taken on a straight line from row to row ({self.reason})"
 
 
-def between_rows(arm: Arm, log: Log, joint: int, values: Array) -> BetweenRows:
+def judge_interpolation(arm: Arm, log: Log, joint: int, values: Array) -> InputInterpolation:
     """Judge by the motion whether the measured input of a joint is held between rows.
 
     Args:
@@ -80,26 +80,26 @@ def between_rows(arm: Arm, log: Log, joint: int, values: Array) -> BetweenRows:
         Held where that is significant, else straight.
 
     """
-    command = next((log[name] for kind in COMMANDS if (name := f"{kind}_{joint}") in log), None)
+    command = next((log[name] for kind in COMMAND_CHANNELS if (name := f"{kind}_{joint}") in log), None)
     if command is not None:
-        is_held, reason = _settles(values, command), "it does not show the command of the row before"
+        is_held, reason = _shows_previous_command(values, command), "it does not show the command of the row before"
         if is_held:
             reason = "it shows the command of the row before"
     else:
-        left = _unexplained(arm, log, joint, values)
-        is_held, reason = _surely_held(left), "the log is too short to tell whether it was held"
+        left = _compute_unexplained_shares(arm, log, joint, values)
+        is_held, reason = _is_surely_held(left), "the log is too short to tell whether it was held"
         if len(left):
             shares = np.sqrt(np.mean(left, 0))
             reason = f"held, the motion leaves {100 * shares[0]:.2g} % of it, straight {100 * shares[1]:.2g} %"
-    white, strayed = noise(values), 0.0
+    white, strayed = estimate_noise(values), 0.0
     if is_held:
-        return BetweenRows(is_held, reason, float(np.sqrt(white**2)))
+        return InputInterpolation(is_held, reason, float(np.sqrt(white**2)))
     if len(values) > 2:  # a random path strays from the straight line by a 24th of its second difference's variance
         strayed = max(float(np.mean(np.diff(values, 2) ** 2)) - 6 * white**2, 0.0) / 24
-    return BetweenRows(is_held, reason, float(np.sqrt(white**2 / 2 + strayed)))
+    return InputInterpolation(is_held, reason, float(np.sqrt(white**2 / 2 + strayed)))
 
 
-def _settles(values: Array, command: Array) -> bool:
+def _shows_previous_command(values: Array, command: Array) -> bool:
     """Whether the ``values`` (T,) read are the ``command`` (T,) of the row before.
 
     They must be nearer to it than to the command half a row earlier or later: the drive then reaches its command within
@@ -111,7 +111,7 @@ def _settles(values: Array, command: Array) -> bool:
     return off[1] < min(off[0], off[2])
 
 
-def _surely_held(left: Array) -> bool:
+def _is_surely_held(left: Array) -> bool:
     """Whether a held input leaves significantly less unexplained than a straight one, ``left`` (BLOCKS, 2).
 
     Straight is the default: a loop that runs as slowly as it is logged is the exception.
@@ -119,51 +119,55 @@ def _surely_held(left: Array) -> bool:
     if not len(left):
         return False
     better = left[:, 1] - left[:, 0]
-    return bool(better.mean() > SURE * np.std(better) / np.sqrt(len(better)))
+    return bool(better.mean() > HELD_STANDARD_ERRORS * np.std(better) / np.sqrt(len(better)))
 
 
-def _unexplained(arm: Arm, log: Log, joint: int, values: Array) -> Array:
+def _compute_unexplained_shares(arm: Arm, log: Log, joint: int, values: Array) -> Array:
     """The share of the input's mean square that regressors of the motion leave, in blocks of time, (BLOCKS, 2).
 
     The columns are for a held and for a straight input; empty where the log is too short to tell.
     """
-    grid = even(log.time)
-    grid = Even(grid.time, grid.time)
-    inside = slice(ENDS * grid.width, len(grid.time) - ENDS * grid.width, max(1, grid.width // 2, len(log) // MOST))
-    X = _regressors(arm, log, grid, joint)[inside]
+    grid = make_uniform_grid(log.time)
+    grid = UniformGrid(grid.time, grid.time)
+    inside = slice(
+        END_FILTER_WIDTHS * grid.window_rows,
+        len(grid.time) - END_FILTER_WIDTHS * grid.window_rows,
+        max(1, grid.window_rows // 2, len(log) // MOST_INSTANTS),
+    )
+    X = _build_regressors(arm, log, grid, joint)[inside]
     if len(X) < 4 * X.shape[1]:
         return np.empty((0, 2))
     smooth = grid.smooth(grid.smooth(np.interp(grid.time, log.time, values)))
-    slope = grid.rate(smooth)
+    slope = grid.differentiate(smooth)
     half, basis = grid.period / 2, np.linalg.qr(X)[0]
     left = []
     for ahead in (half, 0.0):
-        y = (smooth + ahead * slope + ahead**2 / 2 * grid.rate(slope))[inside]
+        y = (smooth + ahead * slope + ahead**2 / 2 * grid.differentiate(slope))[inside]
         squares = (y - basis @ (basis.T @ y)) ** 2 / max(float(np.mean(y**2)), np.finfo(float).tiny)
-        left.append([float(np.mean(block)) for block in np.array_split(squares, BLOCKS)])
+        left.append([float(np.mean(block)) for block in np.array_split(squares, TIME_BLOCKS)])
     return np.array(left).T
 
 
-def _regressors(arm: Arm, log: Log, grid: Even, joint: int) -> Array:
+def _build_regressors(arm: Arm, log: Log, grid: UniformGrid, joint: int) -> Array:
     """Build the regressors of a joint's input (K, F).
 
     They are the torque that the robot file's model requires, the joints' accelerations, the joint's own speeds and
     directions, and functions of its angle.
     """
-    nominal = arm.at(np.array([q.nominal for q in arm.parameters.described.values()]))
+    nominal = arm.with_parameters(np.array([q.nominal for q in arm.parameters.described.values()]))
 
     def once(values: Array) -> Array:
         return grid.smooth(np.interp(grid.time, log.time, values))
 
-    q = np.stack([once(column) for column in joint_angles(nominal, log).T], 1)
-    v = np.stack([grid.rate(column) for column in q.T], 1)
-    a = np.stack([grid.rate(column) for column in v.T], 1)
+    q = np.stack([once(column) for column in read_joint_angles(nominal, log).T], 1)
+    v = np.stack([grid.differentiate(column) for column in q.T], 1)
+    a = np.stack([grid.differentiate(column) for column in v.T], 1)
     asked = nominal.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=np.zeros(arm.nu - arm.n))
     columns = [np.ones(len(q)), asked["joint_torque"][:, joint - 1], np.sin(q[:, joint - 1]), np.cos(q[:, joint - 1])]
     columns += list(a.T)
     own = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in log]
     for name in own:
-        speed = grid.rate(once(log[name]))
-        slow = max(SLOW * float(np.std(speed)), np.finfo(float).tiny)
-        columns += [speed, np.tanh(speed / slow), grid.rate(speed)]
+        speed = grid.differentiate(once(log[name]))
+        slow = max(SLOW_SPEED_SHARE * float(np.std(speed)), np.finfo(float).tiny)
+        columns += [speed, np.tanh(speed / slow), grid.differentiate(speed)]
     return np.column_stack([grid.smooth(column) / (float(np.std(column)) or 1.0) for column in columns])

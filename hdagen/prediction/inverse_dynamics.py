@@ -17,15 +17,15 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import torque_per_input
-from hdagen.log.channel_statistics import even
+from hdagen.arm.ratings import compute_torque_per_input
+from hdagen.log.channel_statistics import make_uniform_grid
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
 from hdagen.prediction.measurement_model import Readings
 
-BANDWIDTH = 20.0  # Hz, of a machine's fastest mode in closed loop; EMPS's, and usual for an arm
-ORDER = 4
-KEPT = 0.8  # share of the thinned rate's Nyquist frequency up to which the second filter passes
+LOOP_BANDWIDTH = 20.0  # Hz, of a machine's fastest mode in closed loop; EMPS's, and usual for an arm
+BUTTERWORTH_ORDER = 4
+PASSED_NYQUIST_SHARE = 0.8  # share of the thinned rate's Nyquist frequency up to which the second filter passes
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class ForceError:
     modelled: Array
 
 
-def force_error(arm: Arm, log: Log, inputs: Array, bandwidth: float = BANDWIDTH) -> ForceError:
+def compute_force_error(arm: Arm, log: Log, inputs: Array, bandwidth: float = LOOP_BANDWIDTH) -> ForceError:
     """Compute the force error of a rigid arm on a log.
 
     Args:
@@ -69,10 +69,10 @@ def force_error(arm: Arm, log: Log, inputs: Array, bandwidth: float = BANDWIDTH)
         raise PlantError(
             f"{arm.robot['name']}: the force error needs rigid drives, joints {arm.manifest['flexible']} have springs."
         )
-    grid = even(log.time)
+    grid = make_uniform_grid(log.time)
     rate = 1.0 / grid.period
-    least = 10 * bandwidth / KEPT
-    factor = round(KEPT * rate / 2 / (2 * bandwidth))
+    least = 10 * bandwidth / PASSED_NYQUIST_SHARE
+    factor = round(PASSED_NYQUIST_SHARE * rate / 2 / (2 * bandwidth))
     if rate < least or len(grid.time) < 40 * factor:
         raise LogError(
             [
@@ -80,13 +80,13 @@ def force_error(arm: Arm, log: Log, inputs: Array, bandwidth: float = BANDWIDTH)
                 f"{bandwidth:g} Hz; it needs {least:g} Hz or more, and {40 * max(factor, 2)} rows."
             ]
         )
-    b, a = butter(ORDER, 5 * bandwidth / (rate / 2))
-    q = filtfilt(b, a, _at(grid.time, log.time, _joint_positions(arm, log)), axis=0)
+    b, a = butter(BUTTERWORTH_ORDER, 5 * bandwidth / (rate / 2))
+    q = filtfilt(b, a, _interpolate_columns(grid.time, log.time, _read_joint_positions(arm, log)), axis=0)
     v = np.gradient(q, grid.period, axis=0)
     acceleration = np.gradient(v, grid.period, axis=0)
     held = inputs[np.clip(np.searchsorted(log.time, grid.time + 1e-6 * grid.period, side="right") - 1, 0, None)]
     found = arm.evaluate("inverse_dynamics", q=q, v=v, a=acceleration, tip_force=held[:, arm.n :])
-    modelled = found["motor_torque"] / torque_per_input(arm)
+    modelled = found["motor_torque"] / compute_torque_per_input(arm)
     thinned = [decimate(part, factor, axis=0)[10:-10] for part in (grid.time, held[:, : arm.n], modelled)]
     size = np.linalg.norm(thinned[1], axis=0)
     difference = np.linalg.norm(thinned[2] - thinned[1], axis=0)
@@ -94,9 +94,9 @@ def force_error(arm: Arm, log: Log, inputs: Array, bandwidth: float = BANDWIDTH)
     return ForceError(relative, grid.time[::factor][10 : 10 + len(thinned[0])], thinned[1], thinned[2])
 
 
-def _joint_positions(arm: Arm, log: Log) -> Array:
+def _read_joint_positions(arm: Arm, log: Log) -> Array:
     """The joint positions (T, n) of a rigid arm."""
-    readings = Readings.of(arm, log)
+    readings = Readings.from_log(arm, log)
     q = np.empty((len(log), arm.n))
     for (name, j), channel, factor in zip(readings.outputs, readings.measured.T, readings.factors, strict=True):
         if name.endswith("position"):  # where both are logged the joint's encoder counts
@@ -104,5 +104,5 @@ def _joint_positions(arm: Arm, log: Log) -> Array:
     return q
 
 
-def _at(time: Array, logged: Array, values: Array) -> Array:
+def _interpolate_columns(time: Array, logged: Array, values: Array) -> Array:
     return np.stack([np.interp(time, logged, column) for column in values.T], 1)

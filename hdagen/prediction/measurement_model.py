@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import full_torsion
-from hdagen.log.channel_statistics import describe
+from hdagen.arm.ratings import compute_rated_torsion
+from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
-from hdagen.log.timestamps import clock_noise
+from hdagen.log.timestamps import compute_timing_noise
 
 Rows = NDArray[np.intp]
-RECENT = 2000  # rows before an instant that show the noise of a channel without a stated resolution
-BEYOND = 100.0  # times the speed that the model is made for, beyond which it is no state of the arm
-_LEAST = 1e-9  # rad or m of noise at least: a channel that has not moved yet shows none
+RECENT_ROWS = 2000  # rows before an instant that show the noise of a channel without a stated resolution
+STATE_BOUND_FACTOR = 100.0  # times the speed that the model is made for, beyond which it is no state of the arm
+_LEAST_POSITION_NOISE = 1e-9  # rad or m of noise at least: a channel that has not moved yet shows none
 
 
-def encoder_noise(sensor: Mapping[str, float], side: str) -> float:
+def compute_encoder_noise(sensor: Mapping[str, float], side: str) -> float:
     """Compute the noise of an encoder: its own and that of counting.
 
     Args:
@@ -38,7 +38,7 @@ def encoder_noise(sensor: Mapping[str, float], side: str) -> float:
     return math.hypot(sensor[f"{side}_encoder_resolution"] / math.sqrt(12), sensor[f"{side}_encoder_noise"])
 
 
-def joint_angles(arm: Arm, log: Log) -> Array:
+def read_joint_angles(arm: Arm, log: Log) -> Array:
     """Read the joints' angles, from the motor's encoder where a joint has none of its own.
 
     Args:
@@ -76,15 +76,15 @@ class Readings:
 
     names: tuple[str, ...]
     outputs: tuple[tuple[str, int], ...]
-    places: tuple[int, ...]
+    state_indices: tuple[int, ...]
     factors: Array
-    noise: Array
+    stated_noise: Array
     measured: Array
     time: Array
-    uncertainty: float
+    time_uncertainty: float
 
     @classmethod
-    def of(cls, arm: Arm, log: Log) -> Readings:
+    def from_log(cls, arm: Arm, log: Log) -> Readings:
         """Collect the channels of a log that an arm has.
 
         Args:
@@ -105,7 +105,7 @@ class Readings:
             if name not in arm.state_names:  # the motor of a rigid drive
                 state, factor = f"joint_{quantity}_{j}", arm.parameters[f"ratio_{j}"]
             if quantity == "position":
-                noise = encoder_noise(arm.robot["joints"][j - 1]["sensor"], side)
+                noise = compute_encoder_noise(arm.robot["joints"][j - 1]["sensor"], side)
             found.append((name, (f"{side}_{quantity}", j), arm.index(state), factor, noise, log[name]))
         names, outputs, places, factors, noise, measured = zip(*found, strict=True)
         read = np.stack(measured, 1)
@@ -122,17 +122,17 @@ class Readings:
             these rows; where it states none, as these rows show.
 
         """
-        rows = slice(max(0, row + 1 - RECENT), row + 1)
-        recent, found = self.measured[rows], self.noise.copy()
-        for k, (name, stated) in enumerate(zip(self.names, self.noise, strict=True)):
+        rows = slice(max(0, row + 1 - RECENT_ROWS), row + 1)
+        recent, found = self.measured[rows], self.stated_noise.copy()
+        for k, (name, stated) in enumerate(zip(self.names, self.stated_noise, strict=True)):
             if not stated:
-                found[k] = describe(name, recent[:, k]).noise
+                found[k] = compute_channel_statistics(name, recent[:, k]).noise
                 continue
-            clock = clock_noise(self.time[rows], recent[:, k], self.uncertainty)
+            clock = compute_timing_noise(self.time[rows], recent[:, k], self.time_uncertainty)
             found[k] = math.hypot(stated, np.sqrt(np.mean(clock**2)))
-        return np.maximum(found, _LEAST * np.abs(self.factors))
+        return np.maximum(found, _LEAST_POSITION_NOISE * np.abs(self.factors))
 
-    def say_all(self, arm: Arm) -> bool:
+    def measures_full_state(self, arm: Arm) -> bool:
         """Tell whether the channels read every position and velocity of the state.
 
         Args:
@@ -142,17 +142,17 @@ class Readings:
             Whether no such state is left to be estimated.
 
         """
-        return set(self.places) == set(range(mechanical(arm)))
+        return set(self.state_indices) == set(range(count_mechanical_states(arm)))
 
-    def encoders(self) -> list[int]:
+    def joints_with_encoder(self) -> list[int]:
         """The numbers of the joints whose own encoder is read."""
         return [j for name, j in self.outputs if name == "joint_position"]
 
-    def state(self, arm: Arm, row: int) -> Array:
+    def state_at(self, arm: Arm, row: int) -> Array:
         """Read the state from one row.
 
-        Where motor and joint encoder differ by more than `full_torsion`, without the model's own angles between them,
-        the joint's encoder is not believed.
+        Where motor and joint encoder differ by more than `compute_rated_torsion`, without the model's own angles
+        between them, the joint's encoder is not believed.
 
         Args:
             arm: The arm.
@@ -163,19 +163,19 @@ class Readings:
 
         """
         x = np.zeros((1, arm.nx))
-        for k, place in enumerate(self.places):  # where two read one state the joint's encoder counts
+        for k, place in enumerate(self.state_indices):  # where two read one state the joint's encoder counts
             x[:, place] = self.measured[row, k] / self.factors[k]
-        unread(arm, x, self.encoders())
-        known, most = set(self.places), full_torsion(arm)
+        undo_sensor_effects(arm, x, self.joints_with_encoder())
+        known, most = set(self.state_indices), compute_rated_torsion(arm)
         twist = np.abs(arm.outputs(x[0], np.zeros(arm.nu))["torsion"])
         for j in arm.manifest["flexible"]:
             motor, joint = arm.index(f"motor_position_{j}"), arm.index(f"joint_position_{j}")
             if {motor, joint} <= known and twist[j - 1] > most[j - 1]:
                 known.discard(joint)
-        return complete(arm, x, known)[0]
+        return complete_state(arm, x, known)[0]
 
 
-def mechanical(arm: Arm) -> int:
+def count_mechanical_states(arm: Arm) -> int:
     """Count the states that are positions and velocities.
 
     Args:
@@ -188,7 +188,7 @@ def mechanical(arm: Arm) -> int:
     return 2 * (arm.n + len(arm.manifest["flexible"]))
 
 
-def memories(arm: Arm) -> list[int]:
+def find_memory_amplitudes(arm: Arm) -> list[int]:
     """Find the amplitudes of the effects that have states of their own.
 
     Args:
@@ -198,10 +198,10 @@ def memories(arm: Arm) -> list[int]:
         Their indices in p. Where all these amplitudes are 0, the model has no memory beside positions and velocities.
 
     """
-    return places(arm, (effect for effect in arm.manifest["effects"] if effect["states"]), "amplitudes")
+    return find_parameter_indices(arm, (effect for effect in arm.manifest["effects"] if effect["states"]), "amplitudes")
 
 
-def places(arm: Arm, effects: Iterable[Mapping[str, Any]], *roles: str) -> list[int]:
+def find_parameter_indices(arm: Arm, effects: Iterable[Mapping[str, Any]], *roles: str) -> list[int]:
     """Find the parameters of effects.
 
     Args:
@@ -220,7 +220,7 @@ def places(arm: Arm, effects: Iterable[Mapping[str, Any]], *roles: str) -> list[
     return [k for k, name in enumerate(arm.parameters.described) if name in names]
 
 
-def limits(arm: Arm) -> Array:
+def get_state_limits(arm: Arm) -> Array:
     """List the largest magnitude of each state.
 
     Args:
@@ -234,12 +234,12 @@ def limits(arm: Arm) -> Array:
     most = np.full(arm.nx, np.finfo(float).max)
     for k, name in enumerate(arm.state_names):
         if "velocity" in name:
-            most[k] = BEYOND * arm.manifest["state"][k]["bound"]
+            most[k] = STATE_BOUND_FACTOR * arm.manifest["state"][k]["bound"]
     return most
 
 
-def within(arm: Arm, x: Array) -> NDArray[np.bool_]:
-    """Tell which states are finite and within `limits`.
+def are_within_limits(arm: Arm, x: Array) -> NDArray[np.bool_]:
+    """Tell which states are finite and within `get_state_limits`.
 
     Args:
         arm: The arm.
@@ -249,10 +249,10 @@ def within(arm: Arm, x: Array) -> NDArray[np.bool_]:
         (…), whether each state is.
 
     """
-    return np.asarray((np.abs(x) <= limits(arm)).all(-1))
+    return np.asarray((np.abs(x) <= get_state_limits(arm)).all(-1))
 
 
-def senses(arm: Arm) -> bool:
+def has_sensor_effects(arm: Arm) -> bool:
     """Tell whether the model has effects at the joints' sensors.
 
     Args:
@@ -265,7 +265,7 @@ def senses(arm: Arm) -> bool:
     return any(effect["place"] == "sensor" for effect in arm.manifest["effects"])
 
 
-def unread(arm: Arm, x: Array, joints: Iterable[int]) -> Array:
+def undo_sensor_effects(arm: Arm, x: Array, joints: Iterable[int]) -> Array:
     """Undo the sensor effects in states that were read by the joints' encoders, in place.
 
     The share of the effects that depends on acceleration is left out.
@@ -280,7 +280,7 @@ def unread(arm: Arm, x: Array, joints: Iterable[int]) -> Array:
 
     """
     chosen = [j - 1 for j in joints]
-    if not chosen or not senses(arm):
+    if not chosen or not has_sensor_effects(arm):
         return x
     position = [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
     velocity = [arm.index(f"joint_velocity_{j}") for j in range(1, arm.n + 1)]
@@ -294,7 +294,7 @@ def unread(arm: Arm, x: Array, joints: Iterable[int]) -> Array:
     return x
 
 
-def complete(arm: Arm, x: Array, known: set[int]) -> Array:
+def complete_state(arm: Arm, x: Array, known: set[int]) -> Array:
     """Complete one side of each flexible gear from the other side, in place, with the torsion at rest under gravity.
 
     Args:

@@ -17,15 +17,15 @@ from numpy.typing import ArrayLike
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import torque_per_input
-from hdagen.control.guarded_controller import Controller, fitting
+from hdagen.arm.ratings import compute_torque_per_input
+from hdagen.control.guarded_controller import Controller, convert_to_law_space
 from hdagen.control.reference_motion import Reference
-from hdagen.simulation.simulated_sensors import Sensors, errors
-from hdagen.simulation.simulator import Push, find_start, forces
-from hdagen.support.messages import list_nearest
+from hdagen.simulation.simulated_sensors import Sensors, resolve_sensor_errors
+from hdagen.simulation.simulator import Push, find_start, sum_push_forces
+from hdagen.support.messages import join_nearest_names
 
-LATEST = 16  # ticks of delay at most, by the compiled library
-Judge = Callable[[Array, Array], Array]  # tip (T, W, 2, m) and torques sent (T, W, n, N m) -> (W, k)
+MOST_DELAY_TICKS = 16  # ticks of delay at most, by the compiled library
+Criterion = Callable[[Array, Array], Array]  # tip (T, W, 2, m) and torques sent (T, W, n, N m) -> (W, k)
 
 
 def closed_loops(
@@ -33,7 +33,7 @@ def closed_loops(
     controller: Controller,
     reference: Reference,
     gains: Mapping[str, ArrayLike],
-    judge: Judge,
+    judge: Criterion,
     pushes: Sequence[Push] = (),
     sensors: Sensors | None = None,
     seed: int = 0,
@@ -62,25 +62,27 @@ def closed_loops(
         PlantError: A gain, the motion or the sensors do not fit the controller.
 
     """
-    table = _table(controller, gains)
+    table = _tabulate_gains(controller, gains)
     if controller.arm.folder != arm.folder:
         raise PlantError(
             f"the controller's model is of another build, {controller.arm.folder.name}, than the arm, "
             f"{arm.folder.name}; closed loops in lanes take one, with other parameters where they differ."
         )
-    scheme = errors(arm, sensors or Sensors())
-    if scheme.delay > LATEST:
-        raise PlantError(f"a delay of {scheme.delay} ticks is more than closed loops in lanes take, {LATEST}.")
+    scheme = resolve_sensor_errors(arm, sensors or Sensors())
+    if scheme.delay > MOST_DELAY_TICKS:
+        raise PlantError(
+            f"a delay of {scheme.delay} ticks is more than closed loops in lanes take, {MOST_DELAY_TICKS}."
+        )
     q0 = find_start(arm, reference, start)
-    rows = controller.rows(fitting(controller, reference, q0))
-    push = forces(pushes, reference.time)
+    rows = controller.rows(convert_to_law_space(controller, reference, q0))
+    push = sum_push_forces(pushes, reference.time)
     felt = push + np.random.default_rng(seed).normal(size=push.shape) * scheme.force_noise
     period = controller.guard.period
-    steps = arm.steps_in(period)
+    steps = arm.count_steps(period)
     limits = np.concatenate(controller.torque_limits())
-    settings = np.concatenate([[period, steps, scheme.delay], scheme.resolution, limits, torque_per_input(arm)])
-    noise = scheme.encoder_noise(len(push), seed)
-    group = _Group(arm, controller, rows, (push, felt, noise), arm.rest(q0), settings)
+    settings = np.concatenate([[period, steps, scheme.delay], scheme.resolution, limits, compute_torque_per_input(arm)])
+    noise = scheme.draw_encoder_noise(len(push), seed)
+    group = _LaneGroup(arm, controller, rows, (push, felt, noise), arm.rest(q0), settings)
     width = arm.module.batch_width
     firsts = range(0, len(table), width)
     with ThreadPoolExecutor(threads) as pool:
@@ -88,12 +90,12 @@ def closed_loops(
     return np.concatenate(found)
 
 
-def _table(controller: Controller, gains: Mapping[str, ArrayLike]) -> Array:
+def _tabulate_gains(controller: Controller, gains: Mapping[str, ArrayLike]) -> Array:
     """The gains of every set, (B, number of the law's gains)."""
     bounds = {gain["name"]: gain for gain in controller.described["gains"]}
     columns = {name: np.atleast_1d(np.asarray(values, float)) for name, values in gains.items()}
     problems = [
-        f"{controller.law}: no gain named {name}; there are {list_nearest([name], list(bounds))}."
+        f"{controller.law}: no gain named {name}; there are {join_nearest_names([name], list(bounds))}."
         for name in columns
         if name not in bounds or name == "period"
     ]
@@ -112,7 +114,7 @@ def _table(controller: Controller, gains: Mapping[str, ArrayLike]) -> Array:
     return np.stack([every[name] for name in controller.gains], axis=1)
 
 
-class _Group:
+class _LaneGroup:
     """The sets that share a vector, from beginning to end."""
 
     def __init__(
@@ -126,23 +128,33 @@ class _Group:
     ) -> None:
         self.arm, self.number, self.x0, self.settings = arm, controller.number, x0, settings
         module = arm.module
-        self.known = controller.arm.c.copy()
-        self.world = world  # push (T, 2), the force sensor's reading of it (T, 2), noise of the encoders (T, 2n)
-        self.widest = module.length("loops_tick", "tip") // 2
-        self.gains = module.length("loops_begin", "gains") // self.widest
-        self.rows = np.zeros((len(rows), module.length("loops_tick", "reference")))
-        self.rows[:, : rows.shape[1]] = rows
+        self.controller_constants = controller.arm.c.copy()
+        self.disturbances = world  # push (T, 2), the force sensor's reading of it (T, 2), noise of the encoders (T, 2n)
+        self.lane_count = module.length("loops_tick", "tip") // 2
+        self.gain_count = module.length("loops_begin", "gains") // self.lane_count
+        self.reference_rows = np.zeros((len(rows), module.length("loops_tick", "reference")))
+        self.reference_rows[:, : rows.shape[1]] = rows
 
     def run(self, table: Array) -> tuple[Array, Array]:
         """Tip (T, W, 2) and torques sent (T, W, n) of the sets in ``table`` (W, gains)."""
-        module, count = self.arm.module, len(self.rows)
+        module, count = self.arm.module, len(self.reference_rows)
         context = np.zeros(module.length("loops_tick", "loops"), np.uint8)
-        own = np.zeros((self.widest, self.gains))
-        own[:, : table.shape[1]] = table[np.minimum(np.arange(self.widest), len(table) - 1)]
+        own = np.zeros((self.lane_count, self.gain_count))
+        own[:, : table.shape[1]] = table[np.minimum(np.arange(self.lane_count), len(table) - 1)]
         status, law = np.zeros(1, np.int32), np.array([self.number], np.int32)
         begin = (context, law, self.x0, own.ravel(), self.settings, self.arm.c, status)
         module.bind("loops_begin", *begin).run()
         assert status[0] == 0
-        tip, sent = np.empty((count, self.widest, 2)), np.empty((count, self.widest, self.arm.n))
-        module.map("loops_tick", count, context, self.rows, *self.world, self.arm.c, self.known, tip, sent)
+        tip, sent = np.empty((count, self.lane_count, 2)), np.empty((count, self.lane_count, self.arm.n))
+        module.map(
+            "loops_tick",
+            count,
+            context,
+            self.reference_rows,
+            *self.disturbances,
+            self.arm.c,
+            self.controller_constants,
+            tip,
+            sent,
+        )
         return tip[:, : len(table)], sent[:, : len(table)]

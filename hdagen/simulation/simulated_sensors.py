@@ -41,7 +41,7 @@ class Sensors:
 
 
 @dataclass(frozen=True)
-class Errors:
+class SensorErrors:
     """The errors of all sensors.
 
     Attributes:
@@ -59,7 +59,7 @@ class Errors:
     force_noise: float
     delay: int
 
-    def encoder_noise(self, rows: int, seed: int) -> Array:
+    def draw_encoder_noise(self, rows: int, seed: int) -> Array:
         """Draw the noise of the encoders before they count.
 
         Its random numbers are its own: one seed gives the same noise of current and force with and without it.
@@ -76,7 +76,7 @@ class Errors:
             return np.zeros((rows, len(self.noise)))
         return np.random.default_rng([seed, 1]).normal(size=(rows, len(self.noise))) * self.noise
 
-    def read(self, angles: Array) -> Array:
+    def count_angles(self, angles: Array) -> Array:
         """Count angles as the encoders do.
 
         Args:
@@ -87,24 +87,24 @@ class Errors:
 
         """
         counted: Array = np.rint(angles / self._step) * self._step
-        if self._all_count:
+        if self._all_are_counting:
             return counted
-        return np.where(self._counts, counted, angles)
+        return np.where(self._is_counting, counted, angles)
 
     @cached_property
-    def _counts(self) -> NDArray[np.bool_]:
+    def _is_counting(self) -> NDArray[np.bool_]:
         return self.resolution > 0
 
     @cached_property
-    def _all_count(self) -> bool:
-        return bool(self._counts.all())
+    def _all_are_counting(self) -> bool:
+        return bool(self._is_counting.all())
 
     @cached_property
     def _step(self) -> Array:
-        return np.where(self._counts, self.resolution, 1.0)
+        return np.where(self._is_counting, self.resolution, 1.0)
 
 
-def errors(arm: Arm, sensors: Sensors) -> Errors:
+def resolve_sensor_errors(arm: Arm, sensors: Sensors) -> SensorErrors:
     """Complete the errors of sensors by the robot file.
 
     Args:
@@ -142,4 +142,4 @@ def errors(arm: Arm, sensors: Sensors) -> Errors:
     if not 0 <= force_noise < np.inf:
         raise PlantError(f"force_noise must be finite and not negative, N, not {force_noise}.")
     angles = np.concatenate(chosen[:2]), np.concatenate(chosen[2:4])
-    return Errors(*angles, chosen[4], float(force_noise), int(sensors.delay))
+    return SensorErrors(*angles, chosen[4], float(force_noise), int(sensors.delay))

@@ -17,15 +17,25 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.input_stage import InputStage
-from hdagen.arm.ratings import torque_per_input
-from hdagen.control.guarded_controller import Controller, fitting
-from hdagen.control.reference_motion import Reference, posture
+from hdagen.arm.ratings import compute_torque_per_input
+from hdagen.control.guarded_controller import Controller, convert_to_law_space
+from hdagen.control.reference_motion import Reference, solve_inverse_kinematics
 from hdagen.log.measured_log import Log
-from hdagen.simulation.simulated_sensors import Errors, Sensors, errors
+from hdagen.simulation.simulated_sensors import SensorErrors, Sensors, resolve_sensor_errors
 
-__all__ = ["Push", "Sensors", "Simulation", "World", "find_start", "forces", "ideal", "run", "simulate"]
+__all__ = [
+    "EnvironmentForce",
+    "Push",
+    "Sensors",
+    "Simulation",
+    "find_start",
+    "run",
+    "simulate",
+    "simulate_ideal_admittance",
+    "sum_push_forces",
+]
 
-World = Callable[[Array, Array], Array]  # tip position and velocity (2 each) -> force on the tip (2), N
+EnvironmentForce = Callable[[Array, Array], Array]  # tip position and velocity (2 each) -> force on the tip (2), N
 
 
 @dataclass(frozen=True)
@@ -104,7 +114,7 @@ def run(
     seed: int = 0,
     start: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
-    world: World | None = None,
+    world: EnvironmentForce | None = None,
 ) -> Simulation:
     """Simulate a controller that drives an arm.
 
@@ -128,22 +138,22 @@ def run(
         PlantError: The motion is out of reach, or an argument does not fit the others.
 
     """
-    _fitting_sizes(arm, controller, reference)
+    _check_sizes(arm, controller, reference)
     q0 = find_start(arm, reference, start)
-    wanted = fitting(controller, reference, q0)
+    wanted = convert_to_law_space(controller, reference, q0)
     rows, count = controller.rows(wanted), len(reference.position)
-    push = forces(pushes, reference.time)
-    scheme = errors(arm, sensors or Sensors())
+    push = sum_push_forces(pushes, reference.time)
+    scheme = resolve_sensor_errors(arm, sensors or Sensors())
     if not isinstance(seed, int) or seed < 0:
         raise PlantError(f"the seed is a whole number from 0, not {seed}.")
     random = np.random.default_rng(seed)
     felt = push + random.normal(size=(count, 2)) * scheme.force_noise
     shaken = random.normal(size=(count, arm.n)) * np.asarray(scheme.current_noise)
-    wobble = scheme.encoder_noise(count, seed)
-    seen, state, torque, shown, status = _loop(
+    wobble = scheme.draw_encoder_noise(count, seed)
+    seen, state, torque, shown, status = _simulate_ticks(
         arm, controller, rows, push, felt, wobble, shaken, q0, scheme, progress, world
     )
-    commanded = torque / torque_per_input(arm)
+    commanded = torque / compute_torque_per_input(arm)
     truth = arm.outputs(state, np.hstack([shown, push]))
     columns = _make_columns(arm, wanted, seen, commanded, shown + shaken)
     columns["tip_force_x"], columns["tip_force_y"] = np.ascontiguousarray(felt.T)
@@ -184,10 +194,10 @@ def find_start(arm: Arm, reference: Reference, start: ArrayLike | None) -> Array
         near = np.asarray(start, float)
     if reference.space != "tip":
         return reference.position[0]
-    return posture(arm, reference.position[0], near)
+    return solve_inverse_kinematics(arm, reference.position[0], near)
 
 
-def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> None:
+def _check_sizes(arm: Arm, controller: Controller, reference: Reference) -> None:
     if arm.n != controller.arm.n:
         raise PlantError(f"the controller is of an arm with {controller.arm.n} joints and the plant has {arm.n}.")
     width = arm.n
@@ -207,7 +217,7 @@ def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> No
         )
 
 
-def forces(pushes: Sequence[Push], time: Array) -> Array:
+def sum_push_forces(pushes: Sequence[Push], time: Array) -> Array:
     """Add up pushes over time.
 
     Args:
@@ -229,7 +239,7 @@ def forces(pushes: Sequence[Push], time: Array) -> Array:
     return total
 
 
-def _loop(
+def _simulate_ticks(
     arm: Arm,
     controller: Controller,
     rows: Array,
@@ -238,9 +248,9 @@ def _loop(
     wobble: Array,
     shaken: Array,
     q0: Array,
-    scheme: Errors,
+    scheme: SensorErrors,
     progress: Callable[[int, int], None] | None,
-    world: World | None,
+    world: EnvironmentForce | None,
 ) -> tuple[Array, Array, Array, Array, NDArray[np.int32]]:
     """Simulate tick by tick.
 
@@ -248,21 +258,21 @@ def _loop(
     statuses; the force of ``world`` is added to ``push`` and ``felt``.
     """
     n, count, period, delay = arm.n, len(rows), controller.guard.period, scheme.delay
-    steps = arm.steps_in(period)
+    steps = arm.count_steps(period)
     x, u, h = arm.rest(q0), np.zeros(arm.nu), np.array([period / steps])
     plant = arm.module.bind("step_exact", x, u, arm.c, h, x)
     shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
     outputs, angles = {name: np.empty(length) for name, length in shapes}, np.empty(2 * n)
     outputs |= {"motor_position": angles[:n], "joint_position": angles[n:]}
     look = arm.module.bind("outputs", x, u, arm.c, *outputs.values())
-    unit, stage = torque_per_input(arm), InputStage(arm, np.zeros(n))
+    unit, stage = compute_torque_per_input(arm), InputStage(arm, np.zeros(n))
     tip, velocity = outputs["tip"], outputs["tip_velocity"]
     seen, state = np.empty((count, 2 * n)), np.empty((count, arm.nx))
     torque, shown, status = np.empty((count, n)), np.empty((count, n)), np.empty(count, np.int32)
     controller.restart()
     for k in range(count):
         look.run()
-        seen[k] = scheme.read(angles + wobble[k])
+        seen[k] = scheme.count_angles(angles + wobble[k])
         state[k], shown[k] = x, stage.end
         if world is not None:
             touch = world(tip, velocity)
@@ -285,7 +295,7 @@ def _loop(
     return seen, state, torque, shown, status
 
 
-def ideal(
+def simulate_ideal_admittance(
     arm: Arm, controller: Controller, push: Array, period: float, gains: Mapping[str, float] | None = None
 ) -> Array:
     """Simulate the admittance M ẍ + B ẋ + K x = F that a Cartesian law is to show.

@@ -10,11 +10,11 @@ from contextlib import contextmanager
 from typing import Any
 
 # Leader of the process group; it kills the group when the pipe ends
-_WATCH = ("/bin/sh", "-c", "read -r end; kill -9 0")
+_WATCHDOG_COMMAND = ("/bin/sh", "-c", "read -r end; kill -9 0")
 
 
 @contextmanager
-def start_together(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[Any]]:
+def start_child_process(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[Any]]:
     """Start a child process in a process group of its own, which is killed when the block ends.
 
     The group is killed as well when this process is killed: a shell in it waits for the end of a pipe that only this
@@ -31,7 +31,7 @@ def start_together(command: Sequence[str], **how: Any) -> Iterator[subprocess.Po
         OSError: The child cannot be started.
 
     """
-    with subprocess.Popen(_WATCH, stdin=subprocess.PIPE, process_group=0) as watch:
+    with subprocess.Popen(_WATCHDOG_COMMAND, stdin=subprocess.PIPE, process_group=0) as watch:
         try:
             with subprocess.Popen(command, process_group=watch.pid, **how) as child:
                 try:

@@ -10,14 +10,14 @@ from __future__ import annotations
 import contextlib
 import ctypes
 
-LARGE = 1 << 20  # bytes, from which an array is mapped by itself and returned to the system
-KEPT = 1 << 26  # bytes of free memory that are kept for the next arrays
+MMAP_THRESHOLD = 1 << 20  # bytes, from which an array is mapped by itself and returned to the system
+TRIM_THRESHOLD = 1 << 26  # bytes of free memory that are kept for the next arrays
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 
-def kept() -> None:
+def tune_malloc() -> None:
     """Set malloc's thresholds for the rest of the process; do nothing where the C library does not know them."""
     with contextlib.suppress(OSError, AttributeError):
         library = ctypes.CDLL(None)
-        library.mallopt(_M_MMAP_THRESHOLD, LARGE)
-        library.mallopt(_M_TRIM_THRESHOLD, KEPT)
+        library.mallopt(_M_MMAP_THRESHOLD, MMAP_THRESHOLD)
+        library.mallopt(_M_TRIM_THRESHOLD, TRIM_THRESHOLD)

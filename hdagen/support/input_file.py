@@ -12,11 +12,11 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from hdagen.support.messages import printable, shown_path
+from hdagen.support.messages import make_printable, show_path
 
 # 64 parts of one key, which take time with the square of their number: no file has a use for them
-_PART = r"""(?:[\w-]{1,200}+|"(?:[^"\\\n]|\\.){0,200}+"|'[^'\n]{0,200}+')[ \t]*+"""
-_LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{64}}")
+_KEY_PART = r"""(?:[\w-]{1,200}+|"(?:[^"\\\n]|\\.){0,200}+"|'[^'\n]{0,200}+')[ \t]*+"""
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:{_KEY_PART}\.[ \t]*+){{64}}")
 
 
 class InputFileError(Exception):
@@ -41,13 +41,13 @@ def check_file(path: Path, largest: int, remedy: str) -> int:
     try:
         found = path.stat()
     except (OSError, ValueError) as error:
-        raise _refused(path, _why(error), remedy) from None
+        raise _make_input_file_error(path, _describe_read_error(error), remedy) from None
     if stat.S_ISDIR(found.st_mode):
-        raise _refused(path, "is a folder", remedy)
+        raise _make_input_file_error(path, "is a folder", remedy)
     if not stat.S_ISREG(found.st_mode):
-        raise _refused(path, "is no regular file (a pipe, a device or a socket)", remedy)
+        raise _make_input_file_error(path, "is no regular file (a pipe, a device or a socket)", remedy)
     if found.st_size > largest:
-        raise _refused(path, f"found {found.st_size} bytes, possible are at most {largest}", remedy)
+        raise _make_input_file_error(path, f"found {found.st_size} bytes, possible are at most {largest}", remedy)
     return found.st_size
 
 
@@ -71,9 +71,9 @@ def read_bytes(path: Path, largest: int, remedy: str) -> bytes:
         with path.open("rb") as file:
             content = file.read(largest + 1)
     except (OSError, ValueError) as error:
-        raise _refused(path, _why(error), remedy) from None
+        raise _make_input_file_error(path, _describe_read_error(error), remedy) from None
     if len(content) > largest:  # one that grows, or does not tell its size
-        raise _refused(path, f"found more than {largest} bytes", remedy)
+        raise _make_input_file_error(path, f"found more than {largest} bytes", remedy)
     return content
 
 
@@ -92,17 +92,17 @@ def read_toml(path: Path, largest: int, remedy: str) -> dict[str, Any]:
         InputFileError: The file cannot be read, is too large, or is no TOML.
 
     """
-    text = _text(path, largest, remedy)
+    text = _read_text(path, largest, remedy)
     if found := _LONG_KEY.search(text):
-        raise _refused(
+        raise _make_input_file_error(
             path, f"found a key of more than 64 parts in line {text.count(chr(10), 0, found.end()) + 1}", remedy
         )
     try:
         return tomllib.loads(text)
     except ValueError as error:
-        raise _refused(path, f"cannot be read as TOML ({_unparsed(error)})", remedy) from None
+        raise _make_input_file_error(path, f"cannot be read as TOML ({_describe_parse_error(error)})", remedy) from None
     except RecursionError:
-        raise _refused(path, "cannot be read as TOML (it is nested too deeply)", remedy) from None
+        raise _make_input_file_error(path, "cannot be read as TOML (it is nested too deeply)", remedy) from None
 
 
 def read_json(path: Path, largest: int, remedy: str) -> Any:
@@ -121,33 +121,35 @@ def read_json(path: Path, largest: int, remedy: str) -> Any:
 
     """
     try:
-        return json.loads(_text(path, largest, remedy))
+        return json.loads(_read_text(path, largest, remedy))
     except ValueError as error:
-        raise _refused(path, f"cannot be read as JSON ({_unparsed(error)})", remedy) from None
+        raise _make_input_file_error(path, f"cannot be read as JSON ({_describe_parse_error(error)})", remedy) from None
     except RecursionError:
-        raise _refused(path, "cannot be read as JSON (it is nested too deeply)", remedy) from None
+        raise _make_input_file_error(path, "cannot be read as JSON (it is nested too deeply)", remedy) from None
 
 
-def _text(path: Path, largest: int, remedy: str) -> str:
+def _read_text(path: Path, largest: int, remedy: str) -> str:
     content = read_bytes(path, largest, remedy)
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise _refused(path, f"cannot be read as UTF-8 (byte {error.start + 1} is none)", remedy) from None
+        raise _make_input_file_error(
+            path, f"cannot be read as UTF-8 (byte {error.start + 1} is none)", remedy
+        ) from None
 
 
-def _why(error: OSError | ValueError) -> str:
+def _describe_read_error(error: OSError | ValueError) -> str:
     if isinstance(error, FileNotFoundError):
         return "cannot be read (there is no such file)"
-    return f"cannot be read ({printable(getattr(error, 'strerror', None) or error)})"
+    return f"cannot be read ({make_printable(getattr(error, 'strerror', None) or error)})"
 
 
-def _unparsed(error: ValueError) -> str:
+def _describe_parse_error(error: ValueError) -> str:
     """Say why a text is no TOML or JSON."""
     if "set_int_max_str_digits" in str(error):
         return "it holds a number of thousands of digits"
-    return printable(error)[:300]
+    return make_printable(error)[:300]
 
 
-def _refused(path: Path, why: str, remedy: str) -> InputFileError:
-    return InputFileError(f"{shown_path(path)}: {why}; {remedy}.")
+def _make_input_file_error(path: Path, why: str, remedy: str) -> InputFileError:
+    return InputFileError(f"{show_path(path)}: {why}; {remedy}.")

@@ -6,12 +6,12 @@ import difflib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-_LONGEST = 80  # characters of a name
-_WANTED, _COMPARED = 20, 400  # names that are compared with each other
-_LONGEST_PATH = 240  # characters of a path; its end is kept longer than its begin
+_MOST_NAME_CHARACTERS = 80  # characters of a name
+_MOST_WANTED_NAMES, _MOST_COMPARED_NAMES = 20, 400  # names that are compared with each other
+_MOST_PATH_CHARACTERS = 240  # characters of a path; its end is kept longer than its begin
 
 
-def printable(text: object) -> str:
+def make_printable(text: object) -> str:
     """Escape the characters that a terminal obeys or does not show.
 
     Args:
@@ -33,7 +33,7 @@ def _escape_character(character: str) -> str:
     return character.encode("unicode_escape").decode("ascii")
 
 
-def shown(value: object, longest: int = 60) -> str:
+def show_value(value: object, longest: int = 60) -> str:
     """Write a value that was found in an input, for a sentence on it.
 
     Args:
@@ -45,13 +45,13 @@ def shown(value: object, longest: int = 60) -> str:
 
     """
     try:
-        text = printable(repr(value))
+        text = make_printable(repr(value))
     except ValueError:  # Python writes no integer of more than some thousand digits
         text = "a number of thousands of digits"
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def shown_path(path: str | Path) -> str:
+def show_path(path: str | Path) -> str:
     """Write a path for a sentence on it.
 
     Args:
@@ -61,13 +61,13 @@ def shown_path(path: str | Path) -> str:
         The path, printable, its middle left out where it is very long.
 
     """
-    text = printable(path)
-    if len(text) <= _LONGEST_PATH:
+    text = make_printable(path)
+    if len(text) <= _MOST_PATH_CHARACTERS:
         return text
-    return f"{text[:60]}…{text[60 - _LONGEST_PATH :]}"
+    return f"{text[:60]}…{text[60 - _MOST_PATH_CHARACTERS :]}"
 
 
-def list_some(names: Sequence[str], limit: int = 40) -> str:
+def join_names(names: Sequence[str], limit: int = 40) -> str:
     """Join names by commas.
 
     Args:
@@ -78,13 +78,13 @@ def list_some(names: Sequence[str], limit: int = 40) -> str:
         The names, printable, or "none".
 
     """
-    listed = ", ".join(printable(name)[:_LONGEST] for name in names[:limit]) or "none"
+    listed = ", ".join(make_printable(name)[:_MOST_NAME_CHARACTERS] for name in names[:limit]) or "none"
     if len(names) > limit:
         listed += f" and {len(names) - limit} more"
     return listed
 
 
-def list_nearest(wanted: Sequence[str], names: Sequence[str], limit: int = 12) -> str:
+def join_nearest_names(wanted: Sequence[str], names: Sequence[str], limit: int = 12) -> str:
     """Join names by commas, the ones most like a wanted name first.
 
     Args:
@@ -93,18 +93,22 @@ def list_nearest(wanted: Sequence[str], names: Sequence[str], limit: int = 12) -
         limit: Names that are written; of more only the number is given.
 
     Returns:
-        The names as `list_some` writes them.
+        The names as `join_names` writes them.
 
     """
-    tried = [name[:_LONGEST] for name in wanted[:_WANTED]]
+    tried = [name[:_MOST_NAME_CHARACTERS] for name in wanted[:_MOST_WANTED_NAMES]]
 
     def likeness(name: str) -> float:
-        return max((difflib.SequenceMatcher(None, one, name[:_LONGEST]).ratio() for one in tried), default=0.0)
+        return max(
+            (difflib.SequenceMatcher(None, one, name[:_MOST_NAME_CHARACTERS]).ratio() for one in tried), default=0.0
+        )
 
-    return list_some([*sorted(names[:_COMPARED], key=likeness, reverse=True), *names[_COMPARED:]], limit)
+    return join_names(
+        [*sorted(names[:_MOST_COMPARED_NAMES], key=likeness, reverse=True), *names[_MOST_COMPARED_NAMES:]], limit
+    )
 
 
-def meant(name: str, possible: Iterable[str]) -> str:
+def suggest_name(name: str, possible: Iterable[str]) -> str:
     """Suggest the name that was probably meant.
 
     Args:
@@ -115,7 +119,9 @@ def meant(name: str, possible: Iterable[str]) -> str:
         The most similar name as the end of a clause, " (did you mean …?)"; empty where none is similar.
 
     """
-    near = difflib.get_close_matches(name[:_LONGEST], [one for one in possible if len(one) <= _LONGEST], n=1)
+    near = difflib.get_close_matches(
+        name[:_MOST_NAME_CHARACTERS], [one for one in possible if len(one) <= _MOST_NAME_CHARACTERS], n=1
+    )
     if not near:
         return ""
-    return f" (did you mean {printable(near[0])}?)"
+    return f" (did you mean {make_printable(near[0])}?)"

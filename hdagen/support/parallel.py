@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-THREADS = 2
+THREAD_COUNT = 2
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
 
 
-def together(work: Callable[[Given], Made], things: Iterable[Given]) -> list[Made]:
+def map_in_threads(work: Callable[[Given], Made], things: Iterable[Given]) -> list[Made]:
     """Call a function on each of many things, in two threads.
 
     Each thing is released when its turn has come, so that large ones that nobody else holds are freed.
@@ -26,5 +26,5 @@ def together(work: Callable[[Given], Made], things: Iterable[Given]) -> list[Mad
 
     """
     waiting = dict(enumerate(things))
-    with ThreadPoolExecutor(THREADS) as pool:
+    with ThreadPoolExecutor(THREAD_COUNT) as pool:
         return list(pool.map(lambda k: work(waiting.pop(k)), list(waiting)))

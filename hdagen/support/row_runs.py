@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-def stretches(rows: ArrayLike) -> NDArray[np.intp]:
+def find_true_runs(rows: ArrayLike) -> NDArray[np.intp]:
     """Find the runs of consecutive true rows.
 
     Args:

@@ -20,8 +20,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from replayed import FLEXIBLE, MEMORY, RIGID, diagnosis, simulated, smooth
 
-from hdagen.adoption.robot_file import Place, RobotFile
-from hdagen.adoption.robot_update import Adopted, adopt
+from hdagen.adoption.robot_file import NumberPlace, RobotFile
+from hdagen.adoption.robot_update import AdoptedRobot, adopt
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.cli import adopt as adopt_command
@@ -47,7 +47,7 @@ def builds(build: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HDAGEN_BUILD", str(build(arms.SMALL).folder.parent))
 
 
-def adopted(folder: Path, text: str, stated: dict) -> Adopted:
+def adopted(folder: Path, text: str, stated: dict) -> AdoptedRobot:
     """``text`` with ``stated`` adopted; robot.toml, diagnosis.json and new.toml then lie in ``folder``."""
     (folder / "robot.toml").write_text(text, encoding="utf-8")
     (folder / "diagnosis.json").write_text(json.dumps(stated))
@@ -226,11 +226,11 @@ def test_the_robot_that_was_diagnosed_is_accepted(tmp_path: Path) -> None:
 def test_a_file_that_no_model_can_be_built_from_is_never_put_in_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(RobotFile, "text", lambda self: arms.SMALL.replace("mass", "mess").encode())
+    monkeypatch.setattr(RobotFile, "to_bytes", lambda self: arms.SMALL.replace("mass", "mess").encode())
     with pytest.raises(PlantError, match=r"new\.toml: no model can be built") as raised:
         adopted(tmp_path, arms.SMALL, small())
     assert "mess" in str(raised.value)
-    monkeypatch.setattr(RobotFile, "text", lambda self: arms.SMALL.encode())
+    monkeypatch.setattr(RobotFile, "to_bytes", lambda self: arms.SMALL.encode())
     with pytest.raises(PlantError, match=r"mass_1 is 4\.5 and should be 4\.6"):
         adopted(tmp_path, arms.SMALL, small(verdict=[]))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["diagnosis.json", "robot.toml"]
@@ -317,10 +317,10 @@ def test_any_layout_gets_the_number_and_keeps_the_rest(
     expected = tomllib.loads(text)
     file = RobotFile(text.encode(), arm)
     for name, value in zip(("mass_1", "coulomb_friction_1", "gravity_y"), values, strict=True):
-        file.put(file.place(name), value)
-    file.put(file.place("bias_1", "current_bias"), 0.5, "N m")
-    file.put(Place("top", 0, "step"), 1e-4, "s")
-    result = file.text().decode()
+        file.set_number(file.locate_parameter(name), value)
+    file.set_number(file.locate_parameter("bias_1", "current_bias"), 0.5, "N m")
+    file.set_number(NumberPlace("top", 0, "step"), 1e-4, "s")
+    result = file.to_bytes().decode()
     found = tomllib.loads(result)
     _number(expected["joint"][0], "mass", values[0])
     _number(expected["joint"][0]["drive"], "coulomb_friction", values[1])

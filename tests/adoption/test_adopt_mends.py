@@ -13,13 +13,13 @@ import pytest
 from replayed import SENSORS, diagnosis, simulated
 
 from hdagen.__main__ import main
-from hdagen.adoption.robot_identity import identity
-from hdagen.adoption.robot_update import Adopted, adopt
+from hdagen.adoption.robot_identity import compute_robot_identity
+from hdagen.adoption.robot_update import AdoptedRobot, adopt
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.diagnosis.data.gap import gap
+from hdagen.diagnosis.data.gap import evaluate_gap
 from hdagen.diagnosis.data.held_out_rows import name_rows
-from hdagen.diagnosis.data.split import part
+from hdagen.diagnosis.data.split import split_logs
 from hdagen.log.measured_log import write
 from hdagen.prediction.window_replay import replay
 
@@ -32,7 +32,7 @@ def builds(build: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HDAGEN_BUILD", str(build(arms.SMALL).folder.parent))
 
 
-def adopted(folder: Path, text: str, stated: dict) -> Adopted:
+def adopted(folder: Path, text: str, stated: dict) -> AdoptedRobot:
     (folder / "robot.toml").write_text(text)
     (folder / "diagnosis.json").write_text(json.dumps(stated))
     return adopt(folder / "diagnosis.json", folder / "robot.toml", folder / "new.toml", force=True)
@@ -72,7 +72,7 @@ def test_a_step_that_does_what_a_refusal_says_leaves_the_robot_the_one_that_was_
     (tmp_path / "robot.toml").write_text(arms.SMALL)
     own = load(tmp_path / "robot.toml").robot
     stated = named("current_bias@1", bias=0.02) | {
-        "robot": {"name": own["name"], "identity": identity(own), "sha256": "0" * 64}
+        "robot": {"name": own["name"], "identity": compute_robot_identity(own), "sha256": "0" * 64}
     }
     other = "# by hand\n" + arms.SMALL.replace("step = 0.0005", "step = 0.0002")
     assert [change.after for change in adopted(tmp_path, other, stated).changes] == [0.02]
@@ -153,10 +153,10 @@ def test_the_adopted_file_leaves_the_gap_that_the_diagnosis_said(
     values = {name.removesuffix("_1"): value for name, value in truth.items()}
     base = {"mass_1": {"value": 4.8, "std": 0.01}, "inertia_1": {"value": 0.0801, "std": 0.95 * 0.05 * 0.08}}
     stated = diagnosis(verdict=[], parameters=base) if entry is None else named(entry, None, **values)
-    stated |= {"robot": {"name": arm.robot["name"], "identity": identity(arm.robot), "sha256": None}}
+    stated |= {"robot": {"name": arm.robot["name"], "identity": compute_robot_identity(arm.robot), "sha256": None}}
     arm.parameters.reset()
-    held = part([log], [])[1]
-    told = gap(replay(arm, log), replay(arm, log, with_=stated), held)
+    held = split_logs([log], [])[1]
+    told = evaluate_gap(replay(arm, log), replay(arm, log, with_=stated), held)
     stated |= {"gap": told, "data": {"hold_out": name_rows(held, [log])}}
     (tmp_path / "diagnosis.json").write_text(json.dumps(stated))
     (tmp_path / "robot.toml").write_text("# weighed again\n" + text.replace("step = 0.0005", "step = 0.0004"))

@@ -8,9 +8,9 @@ from pathlib import Path
 import arms
 import pytest
 
-from gen.robot.description import canonical
+from gen.robot.description import describe_robot
 from gen.robot.load_robot import from_table
-from hdagen.adoption.robot_identity import identity
+from hdagen.adoption.robot_identity import compute_robot_identity
 
 EFFECTS = """[[effect]]
 name = "payload"
@@ -31,7 +31,7 @@ def same(text: str) -> bool:
 
 
 def identified(text: str) -> str:
-    return identity(canonical(from_table(tomllib.loads(text), "robot.toml", Path("robot.toml"))))
+    return compute_robot_identity(describe_robot(from_table(tomllib.loads(text), "robot.toml", Path("robot.toml"))))
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def test_base_parameters_stay_near_their_tolerance_and_effects_do_not(made: Call
         verdict=["coulomb_friction@2", "unknown@1"],
         parameters={"mass_1": {"value": 9.0}, "coulomb_friction_2": {"value": 0.03}, "length_1": 0.3},
     )
-    changed, notes = verdict.applied(arm, verdict.read(stated))
+    changed, notes = verdict.apply_verdict(arm, verdict.read_verdict(stated))
     assert changed.parameters["mass_1"] == pytest.approx(4.5 * 1.15)  # 3 times 5 %
     assert changed.parameters["coulomb_friction_2"] == 0.05 and changed.parameters["length_1"] == 0.3
     assert [note.split(":")[0] for note in notes] == ["unknown@1 has no equation", "mass_1"]
@@ -54,11 +54,11 @@ def test_gravity_may_lean_a_little_even_where_the_robot_file_states_none(
     nominal = arm.parameters["gravity_x"], arm.parameters["gravity_y"]
     assert nominal == robot_file
     stated = diagnosis(verdict=[], parameters={f"gravity_{axis}": nominal[k] + leans for k, axis in enumerate("xy")})
-    changed, notes = verdict.applied(arm, verdict.read(stated))
+    changed, notes = verdict.apply_verdict(arm, verdict.read_verdict(stated))
     for k, axis in enumerate("xy"):
         moved = changed.parameters[f"gravity_{axis}"] - nominal[k]
-        assert moved == pytest.approx(math.copysign(min(abs(leans), verdict.LEVEL), leans))
-    assert len(notes) == (2 if abs(leans) > verdict.LEVEL else 0)
+        assert moved == pytest.approx(math.copysign(min(abs(leans), verdict.MOST_GRAVITY_CHANGE), leans))
+    assert len(notes) == (2 if abs(leans) > verdict.MOST_GRAVITY_CHANGE else 0)
 
 
 @pytest.mark.parametrize(
@@ -83,13 +83,13 @@ def test_gravity_may_lean_a_little_even_where_the_robot_file_states_none(
 )
 def test_a_diagnosis_that_does_not_fit_is_refused(changes: dict, words: str, made: Callable) -> None:
     with pytest.raises(PlantError, match=words):
-        verdict.applied(made(FLEXIBLE), verdict.read(diagnosis(**changes)))
+        verdict.apply_verdict(made(FLEXIBLE), verdict.read_verdict(diagnosis(**changes)))
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", "nonsense", "[" * 100_000])
 def test_a_file_that_is_no_diagnosis_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "diagnosis.json").write_text(text)
     with pytest.raises(PlantError, match=r"diagnosis\.json"):
-        verdict.read(tmp_path / "diagnosis.json")
+        verdict.read_verdict(tmp_path / "diagnosis.json")
     with pytest.raises(PlantError, match="cannot be read"):
-        verdict.read(tmp_path / "absent.json")
+        verdict.read_verdict(tmp_path / "absent.json")

@@ -37,7 +37,7 @@ def test_a_late_reading_is_the_angle_of_then(arm: Arm, delay: float) -> None:
     time = PERIOD * np.arange(200)
     x, u = ringing(arm, time), np.zeros((200, arm.nu))
     arm.parameters["sensor_delay_2"] = delay
-    seen = delayed_sensors.read(arm, time, x, u)["joint_position"]
+    seen = delayed_sensors.read_sensors(arm, time, x, u)["joint_position"]
     assert arm.parameters["sensor_delay_2"] == delay
     then = ringing(arm, time - delay)
     inner = slice(5, -5)
@@ -53,10 +53,10 @@ def test_a_path_knows_nothing_of_the_one_before_and_gaps_are_not_crossed(arm: Ar
     place = arm.index("joint_position_1")
     x[50:, place] += 1.0  # another path
     arm.parameters["sensor_delay_1"] = 2e-3
-    seen = delayed_sensors.read(arm, time, x, u, np.array([0, 50]))["joint_position"][:, 0]
+    seen = delayed_sensors.read_sensors(arm, time, x, u, np.array([0, 50]))["joint_position"][:, 0]
     assert np.abs(seen[50:] - x[50:, place]).max() < 0.01 and np.abs(seen[:50] - x[:50, place]).max() < 0.01
     gap = np.concatenate([time[:50], time[50:] + 1.0])
-    far = delayed_sensors.read(arm, gap, x, u)["joint_position"][:, 0]
+    far = delayed_sensors.read_sensors(arm, gap, x, u)["joint_position"][:, 0]
     assert np.abs(far[50:] - x[50:, place]).max() < 0.01
 
 
@@ -64,7 +64,7 @@ def test_without_a_delay_nothing_changes(arm: Arm) -> None:
     time = PERIOD * np.arange(20)
     x, u = ringing(arm, time), np.zeros((20, arm.nu))
     for name, values in arm.outputs(x, u).items():
-        assert np.array_equal(delayed_sensors.read(arm, time, x, u)[name], values)
+        assert np.array_equal(delayed_sensors.read_sensors(arm, time, x, u)[name], values)
 
 
 @pytest.mark.parametrize("delays", [(0.0, 0.0), (2e-3, 0.0), (-1e-3, 4e-4)])
@@ -83,8 +83,8 @@ def test_positions_alone_are_read_as_with_everything_else(
             {f"sensor_delay_{j}": delay, f"encoder_bias_{j}": 0.1 * j, f"eccentricity_sine_{j}": 0.02}
         )
     seen, all_of_it = (
-        delayed_sensors.positions(arm, delayed_sensors.Path(time, begins), x),
-        delayed_sensors.read(arm, time, x, u, begins),
+        delayed_sensors.read_positions(arm, delayed_sensors.SampledPath(time, begins), x),
+        delayed_sensors.read_sensors(arm, time, x, u, begins),
     )
     assert set(seen) == {"motor_position", "joint_position"}
     for name, values in seen.items():
@@ -112,6 +112,6 @@ def test_between_rows_it_is_the_cubic_of_angle_and_speed(build: Builder, profile
 def test_a_row_alone_has_no_past_but_its_speed(arm: Arm) -> None:
     x = ringing(arm, np.array([0.1]))
     arm.parameters["sensor_delay_1"] = 2e-3
-    seen = delayed_sensors.read(arm, np.array([0.1]), x, np.zeros((1, arm.nu)))["joint_position"]
+    seen = delayed_sensors.read_sensors(arm, np.array([0.1]), x, np.zeros((1, arm.nu)))["joint_position"]
     q, rate = (x[0, arm.index(f"joint_{what}_1")] for what in ("position", "velocity"))
     assert seen[0, 0] == pytest.approx(q - 2e-3 * rate, abs=1e-15)

@@ -16,22 +16,22 @@ import pytest
 
 from hdagen.adoption import verdict
 from hdagen.blind import blind_page, label_seal, sealed_check
-from hdagen.blind.blind_report import report, written
-from hdagen.blind.parameter_errors import compare
+from hdagen.blind.blind_report import make_report, render_report
+from hdagen.blind.parameter_errors import compare_parameters
 from hdagen.blind.realities import joint_reality, log_maker, rigid_joints
-from hdagen.blind.realities.cases import cases
-from hdagen.blind.realities.joint_motion import PERIOD, link_torques, travel
-from hdagen.blind.realities.rigid_joints import Friction, JointCase, Nameless
-from hdagen.blind.scores import Row, judged, parted, summary
+from hdagen.blind.realities.cases import draw_cases
+from hdagen.blind.realities.joint_motion import PERIOD, compute_link_torques, draw_joint_motion
+from hdagen.blind.realities.rigid_joints import Friction, JointCase, NamelessTorque
+from hdagen.blind.scores import Row, score_case, split_unknown, summarize_rows
 from hdagen.blind.sealed_check import Check
 from hdagen.log.measured_log import read
 
-COULOMB, VISCOUS = rigid_joints.FRICTION
-QUIET = Nameless(wander=0.0, time=1.0, ripple=0.0, order=7.5, phase=0.0, varying=0.0, waves=1.0)
+COULOMB, VISCOUS = rigid_joints.FRICTION_EFFECTS
+QUIET = NamelessTorque(wander=0.0, time=1.0, ripple=0.0, order=7.5, phase=0.0, varying=0.0, waves=1.0)
 
 
 def drawn(count: int = 40) -> tuple[JointCase, ...]:
-    return rigid_joints.cases("some seed", count)
+    return rigid_joints.draw_joint_cases("some seed", count)
 
 
 def quiet(case: JointCase) -> JointCase:
@@ -47,23 +47,25 @@ def quiet(case: JointCase) -> JointCase:
 
 
 def test_the_same_seed_is_the_same_to_the_bit() -> None:
-    assert drawn(4) == drawn(40)[:4] and rigid_joints.cases("another seed", 4) != drawn(4)
-    one, again = (joint_reality.make(drawn(1)[0], "log", 0.5) for _ in range(2))
+    assert drawn(4) == drawn(40)[:4] and rigid_joints.draw_joint_cases("another seed", 4) != drawn(4)
+    one, again = (joint_reality.make_joint_log(drawn(1)[0], "log", 0.5) for _ in range(2))
     assert list(one) == list(again) and all(np.array_equal(one[name], again[name]) for name in one)
-    held = joint_reality.make(drawn(1)[0], "hold_out", 0.5)
+    held = joint_reality.make_joint_log(drawn(1)[0], "hold_out", 0.5)
     assert not any(np.array_equal(one[name], held[name]) for name in one if name != "time")
 
 
 def test_a_longer_log_begins_like_a_shorter_one() -> None:
     """Labels are of one length of log, whichever is asked for."""
-    short, long = (drawn(1)[0].motion("log", seconds) for seconds in (2.0, 5.0))
+    short, long = (drawn(1)[0].draw_motion("log", seconds) for seconds in (2.0, 5.0))
     rows = len(short.time) - 2  # where differences are one-sided
     assert np.array_equal(short.velocity[:rows], long.velocity[:rows])
 
 
 def test_every_case_is_as_it_is_said() -> None:
     found = drawn()
-    assert {len(one.robot.joints) for one in found} == {1, 2} and {one.rate for one in found} == set(rigid_joints.RATES)
+    assert {len(one.robot.joints) for one in found} == {1, 2} and {one.rate for one in found} == set(
+        rigid_joints.LOG_RATES
+    )
     assert {one.robot.encoder for one in found} == {"motor", "joint"} and {one.robot.current for one in found} == {
         True,
         False,
@@ -72,12 +74,16 @@ def test_every_case_is_as_it_is_said() -> None:
     assert 0.15 < np.mean([one.robot.joints[0][COULOMB] > 0.0 for one in found]) < 0.55
     for case in found:
         label = case.label()
-        assert label["verdict"] and 0.0 <= label["background"] <= rigid_joints.NAMELESS + 1e-12 and case.jitter <= 50e-6
-        shares = {name: p["share"] for name, p in case.parameters().items()}
+        assert (
+            label["verdict"]
+            and 0.0 <= label["background"] <= rigid_joints.LARGEST_NAMELESS_SHARE + 1e-12
+            and case.jitter <= 50e-6
+        )
+        shares = {name: p["share"] for name, p in case.friction_parameters().items()}
         assert set(label["verdict"]) == {name for name, share in shares.items() if share >= 0.25}
         assert set(label["verdict"]) | set(label["optional"]) == set(shares)
-        motion = case.motion("log", rigid_joints.LENGTH)
-        asked = link_torques(
+        motion = case.draw_motion("log", rigid_joints.SIZING_SECONDS)
+        asked = compute_link_torques(
             case.robot.joints, case.robot.gravity, motion.position, motion.velocity, motion.acceleration
         )
         for friction, v, torque in zip(case.friction, motion.velocity.T, asked.T, strict=True):
@@ -91,7 +97,7 @@ def rms(values: np.ndarray) -> float:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_motions_start_at_rest_turn_back_and_are_neither_too_fast_nor_too_far(seed: int) -> None:
-    motion = travel(np.random.default_rng(seed), (1.0, 4.0), 24.0)
+    motion = draw_joint_motion(np.random.default_rng(seed), (1.0, 4.0), 24.0)
     assert np.all(motion.position[0] == 0.0) and np.abs(motion.velocity[:3]).max() < 1e-3
     assert np.all(np.abs(motion.velocity).max(axis=0) < [1.9, 7.5]) and np.abs(motion.position).max() < 2.7
     assert min(np.count_nonzero(np.diff(np.sign(v[500:]))) for v in motion.velocity.T) > 12
@@ -100,9 +106,9 @@ def test_motions_start_at_rest_turn_back_and_are_neither_too_fast_nor_too_far(se
 def test_torques_of_the_links_are_those_of_the_energy() -> None:
     """Power in is the change of kinetic and potential energy, of which the second joint's motion is a part."""
     case = next(one for one in drawn() if len(one.robot.joints) == 2 and one.robot.gravity[1])
-    motion = travel(np.random.default_rng(2), (2.0, 3.0), 4.0)
+    motion = draw_joint_motion(np.random.default_rng(2), (2.0, 3.0), 4.0)
     q, v, a = motion.position, motion.velocity, motion.acceleration
-    power = np.sum(link_torques(case.robot.joints, case.robot.gravity, q, v, a) * v, axis=1)
+    power = np.sum(compute_link_torques(case.robot.joints, case.robot.gravity, q, v, a) * v, axis=1)
     energy, x, y, angle, turn, dx, dy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j, joint in enumerate(case.robot.joints):
         angle, turn = angle + q[:, j], turn + v[:, j]
@@ -124,13 +130,13 @@ def test_torques_of_the_links_are_those_of_the_energy() -> None:
 def test_the_best_linear_friction_is_what_a_regression_of_the_simulated_torque_finds(at: int) -> None:
     """The torque balance of the log itself, by numbers that the simulation never saw."""
     case = quiet(drawn()[at])
-    log = joint_reality.make(case, "log", rigid_joints.LENGTH)
+    log = joint_reality.make_joint_log(case, "log", rigid_joints.SIZING_SECONDS)
     scale = [joint["ratio"] if case.robot.encoder == "motor" else 1.0 for joint in case.robot.joints]
     angles = [f"{case.robot.encoder}_position_{j}" for j in range(1, len(scale) + 1)]
     q = np.column_stack([log[name] / s for name, s in zip(angles, scale, strict=True)])
     v = (q[2:] - q[:-2]) / (2.0 * PERIOD)
     a = (q[2:] - 2.0 * q[1:-1] + q[:-2]) / PERIOD**2
-    asked = link_torques(case.robot.joints, case.robot.gravity, q[1:-1], v, a)
+    asked = compute_link_torques(case.robot.joints, case.robot.gravity, q[1:-1], v, a)
     for j, joint in enumerate(case.robot.joints):
         name = f"motor_current_{j + 1}" if case.robot.current else f"motor_torque_{j + 1}"
         acted = 0.5 * (log[name][1:-1] + log[name][2:])  # a row shows what acted before it; at its instant both halves
@@ -140,7 +146,7 @@ def test_the_best_linear_friction_is_what_a_regression_of_the_simulated_torque_f
         found = np.linalg.lstsq(columns, (drive - asked[:, j])[moving], rcond=None)[0]
         left = (drive - asked[:, j] - case.friction[j].torque(v[:, j]))[moving]
         assert rms(left) < 0.01 * rms(case.friction[j].torque(v[moving, j]))
-        true = [case.parameters()[f"{name}@{j + 1}"]["level"] for name in rigid_joints.FRICTION]
+        true = [case.friction_parameters()[f"{name}@{j + 1}"]["level"] for name in rigid_joints.FRICTION_EFFECTS]
         size = true[0] + true[1] * joint["ratio"] * rms(v[:, j])  # of the friction, at the motor
         assert found[0] == pytest.approx(true[0], abs=0.02 * size)
         assert found[1] * joint["ratio"] * rms(v[:, j]) == pytest.approx(
@@ -151,29 +157,29 @@ def test_the_best_linear_friction_is_what_a_regression_of_the_simulated_torque_f
 def test_a_dry_joint_stands_until_friction_is_overcome() -> None:
     case = quiet(next(one for one in drawn() if len(one.robot.joints) == 1))
     stiff = replace(case, friction=(replace(case.friction[0], coulomb=1e4),))
-    log = joint_reality.make(stiff, "log", 1.0)
+    log = joint_reality.make_joint_log(stiff, "log", 1.0)
     assert np.ptp(log[f"{case.robot.encoder}_position_1"]) < 1e-3
 
 
 def test_a_wandering_torque_has_its_size_and_its_time() -> None:
-    found = joint_reality.wandering(np.random.default_rng(1), replace(QUIET, wander=2.0, time=0.1), 400_000)
+    found = joint_reality.draw_wandering_torque(np.random.default_rng(1), replace(QUIET, wander=2.0, time=0.1), 400_000)
     assert rms(found) == pytest.approx(2.0, rel=0.05)
     assert np.mean(found[100:] * found[:-100]) / 4.0 == pytest.approx(math.exp(-1.0), abs=0.05)
 
 
 def test_what_has_no_name_has_its_size() -> None:
     case = next(one for one in drawn() if one.label()["background"] > 0.05 and len(one.robot.joints) == 1)
-    v = case.motion("log", rigid_joints.LENGTH).velocity[:, 0]
-    q = case.motion("log", rigid_joints.LENGTH).position[:, 0]
+    v = case.draw_motion("log", rigid_joints.SIZING_SECONDS).velocity[:, 0]
+    q = case.draw_motion("log", rigid_joints.SIZING_SECONDS).position[:, 0]
     n, friction = case.nameless[0], case.friction[0].torque(v)
-    wander = joint_reality.wandering(np.random.default_rng(3), replace(n, time=0.05), len(v))
+    wander = joint_reality.draw_wandering_torque(np.random.default_rng(3), replace(n, time=0.05), len(v))
     torque = wander + n.ripple * np.sin(n.order * q + n.phase) + friction * n.varying * np.sin(n.waves * q + n.phase)
     assert rms(torque) / rms(friction) == pytest.approx(case.label()["background"], rel=0.35)
 
 
 def test_logs_have_the_columns_and_the_rate_of_their_case() -> None:
     for case in drawn(8):
-        log = joint_reality.make(case, "log", 0.5)
+        log = joint_reality.make_joint_log(case, "log", 0.5)
         assert len(log["time"]) == case.rate // 2
         assert np.abs(log["time"] - np.arange(len(log["time"])) / case.rate).max() <= 50e-6
         quantity = "motor_current" if case.robot.current else "motor_torque"
@@ -192,7 +198,7 @@ def test_logs_have_the_columns_and_the_rate_of_their_case() -> None:
 def test_a_line_through_a_curve_comes_closest() -> None:
     v = np.linspace(-3.0, 3.0, 601)
     curve = Friction(2.0, 1.5, 0.8, 1.2)
-    level, coefficient = curve.linear(v)
+    level, coefficient = curve.fit_linear(v)
 
     def error(a: float, b: float) -> float:
         return rms(curve.torque(v) - a * np.sign(v) - b * v)
@@ -201,20 +207,20 @@ def test_a_line_through_a_curve_comes_closest() -> None:
     assert all(
         error(level + d, coefficient + e) > best for d, e in ((1e-3, 0.0), (-1e-3, 0.0), (0.0, 1e-3), (0.0, -1e-3))
     )
-    assert Friction(2.0, 1.5, 1.0, 3.0).linear(v) == pytest.approx((2.0, 0.5))
+    assert Friction(2.0, 1.5, 1.0, 3.0).fit_linear(v) == pytest.approx((2.0, 0.5))
 
 
 def test_what_is_true_can_be_read_as_a_diagnosis() -> None:
     for case in drawn(6):
-        found = verdict.read(json.loads(json.dumps(case.true_set())))
-        assert len(found.effects) == 2 * len(case.robot.joints) and not found.unknown
-        assert ("torque_constant_1" in found.base) == case.robot.current
+        found = verdict.read_verdict(json.loads(json.dumps(case.true_diagnosis())))
+        assert len(found.effects) == 2 * len(case.robot.joints) and not found.unexplained_joints
+        assert ("torque_constant_1" in found.base_parameters) == case.robot.current
         assert all(value >= 0.0 for effect in found.effects for value in effect.parameters.values())
 
 
 def test_where_the_file_knows_half_half_is_in_it() -> None:
     case = next(one for one in drawn() if one.robot.joints[0][COULOMB])
-    stated, true = case.robot.joints[0], case.parameters()
+    stated, true = case.robot.joints[0], case.friction_parameters()
     assert stated[COULOMB] == pytest.approx(0.5 * true[f"{COULOMB}@1"]["level"], rel=1e-3)
     assert stated[VISCOUS] == pytest.approx(0.5 * true[f"{VISCOUS}@1"]["level"], rel=1e-3)
 
@@ -230,7 +236,7 @@ PARAMETERS = {
 def row(said: Sequence[str], sizes: Sequence[float], p: float = 0.95, **result: float) -> Row:
     """A joint whose Coulomb friction is required and whose viscous friction is optional."""
     label = {"kind": "joint", "verdict": ["coulomb_friction@1"], "optional": ["viscous_friction@1"]}
-    named, _ = parted(said)
+    named, _ = split_unknown(said)
     causes = []
     for one, size in zip(named, sizes, strict=True):
         effect, _, joint = one.partition("@")
@@ -247,7 +253,7 @@ def row(said: Sequence[str], sizes: Sequence[float], p: float = 0.95, **result: 
         "hypotheses": [{"effects": list(named), "probability": p}, {"effects": [], "probability": 1.0 - p}],
     }
     gaps = {"seconds": 1.0, "before": 90.0, "after": 11.0, "after_true": 10.0} | result
-    return judged("x", {**label, "sizes": [2.0, 0.5], "background": 0.05}, told, gaps, diagnosis)
+    return score_case("x", {**label, "sizes": [2.0, 0.5], "background": 0.05}, told, gaps, diagnosis)
 
 
 @pytest.mark.parametrize(
@@ -269,9 +275,9 @@ def test_a_joint_is_named_where_all_that_is_required_and_nothing_beyond_is(
     said: list[str], sizes: list[float], right: bool, sized: bool
 ) -> None:
     found = row(said, sizes)
-    assert (found.right, found.sizes_right) == (right, sized)
+    assert (found.is_right, found.are_sizes_right) == (right, sized)
     assert found.remainder == (("unknown@1",) if len(said) == 2 and "unknown@1" in said else ())
-    figures = summary([found])
+    figures = summarize_rows([found])
     assert figures["named"].value == right and figures["sure_and_wrong"].value == (not right)
     assert ("sizes_within" in figures) == right
 
@@ -285,23 +291,25 @@ def test_hypotheses_that_differ_in_what_may_be_named_are_one() -> None:
 def test_the_gap_is_held_against_that_with_what_is_true() -> None:
     said = ["coulomb_friction@1"], [2.6]
     rows = [row(*said, after=12.9), row(*said, after=13.1), row(*said, after_true=math.nan)]
-    found = summary(rows)["after_within"]
+    found = summarize_rows(rows)["after_within"]
     assert (found.value, found.count) == (0.5, 2)
 
 
 def test_true_and_found_friction_are_put_side_by_side() -> None:
-    lines = compare([row(["coulomb_friction@1"], [2.6]), row(["coulomb_friction@1", "viscous_friction@1"], [2.2, 0.5])])
+    lines = compare_parameters(
+        [row(["coulomb_friction@1"], [2.6]), row(["coulomb_friction@1", "viscous_friction@1"], [2.2, 0.5])]
+    )
     assert [(line.compared.effect, line.pairs) for line in lines] == [("coulomb_friction", ((2.6, 2.6), (2.0, 2.2)))]
 
 
 def test_the_page_and_the_json_of_joints(tmp_path: Path) -> None:
     rows = [row(["coulomb_friction@1", "unknown@1"], [2.6]), row(["unknown@1"], [0.0]), row([], [], after=math.nan)]
-    found = report(Check("joint", 3, "s", 1, 24.0, tmp_path), label_seal.Seal("ab" * 32, 3), rows)
-    content = json.loads(written(found), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    found = make_report(Check("joint", 3, "s", 1, 24.0, tmp_path), label_seal.Seal("ab" * 32, 3), rows)
+    content = json.loads(render_report(found), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     assert content["rows"][0]["remainder"] == ["unknown@1"] and content["rows"][0]["after_true"] == 10.0
     assert {"named", "sizes_within", "after_within", "sure_and_wrong"} <= {bar["figure"] for bar in content["bars"]}
     assert content["summary"]["remainder"]["value"] == pytest.approx(1 / 3)
-    blind_page.write(tmp_path / "blind.html", found)
+    blind_page.write_page(tmp_path / "blind.html", found)
     text = (tmp_path / "blind.html").read_text()
     assert "(viscous_friction@1)" in text and "with what is true" in text and "What is there named" in text
 
@@ -328,11 +336,11 @@ def test_no_label_is_in_a_file_before_the_diagnosis_has_ended(tmp_path: Path) ->
     program, seen, out = tmp_path / "hdagen.py", tmp_path / "seen", tmp_path / "out"
     program.write_text(STAND_IN.format(seen=str(seen)))
     asked = Check("joint", 1, "a seed that nobody told", 1, 2.0, out, True, (sys.executable, str(program)))
-    case = cases(asked.seed, asked.kind, 1)[0]
+    case = draw_cases(asked.seed, asked.kind, 1)[0]
     folder = out / "cases" / case.name
     folder.mkdir(parents=True)
-    (folder / "true.json").write_text(json.dumps(case.true_set()))  # as a kill may leave it
-    sealed_check._one(asked, 0, case, threading.Event())
+    (folder / "true.json").write_text(json.dumps(case.true_diagnosis()))  # as a kill may leave it
+    sealed_check._run_case(asked, 0, case, threading.Event())
     told = [json.loads(line) for line in seen.read_text().splitlines()]
     assert [one[0] for one in told] == ["diagnose", "replay", "replay", "replay"]
     assert told[0][1] == ["log.parquet", "robot.toml"] and told[0][2].count("friction") == 0
@@ -343,7 +351,9 @@ def test_no_label_is_in_a_file_before_the_diagnosis_has_ended(tmp_path: Path) ->
     assert set(result) == {"seconds", "code", "before", "after", "after_true"}
     kept = "".join(path.read_text() for path in folder.rglob("*.json"))
     assert "friction" not in kept and "friction" not in json.dumps(sorted(path.name for path in folder.rglob("*")))
-    assert set(read(folder / "log.parquet").columns) == set(joint_reality.make(_joint(case), "log", 0.1)) - {"time"}
+    assert set(read(folder / "log.parquet").columns) == set(joint_reality.make_joint_log(_joint(case), "log", 0.1)) - {
+        "time"
+    }
 
 
 def _joint(case: Any) -> JointCase:
@@ -367,6 +377,10 @@ def test_a_child_tells_what_is_true_of_a_joint_and_no_more(
     monkeypatch.setattr(sys, "stdin", io.StringIO(json.dumps(request)))
     log_maker.main()
     told = json.loads(capsys.readouterr().out)
-    case = rigid_joints.cases("s", 2)[1]
-    assert told["parameters"] == case.parameters() and told["snr"] == pytest.approx(case.snr()) and told["snr"] > 1.0
+    case = rigid_joints.draw_joint_cases("s", 2)[1]
+    assert (
+        told["parameters"] == case.friction_parameters()
+        and told["snr"] == pytest.approx(case.snr())
+        and told["snr"] > 1.0
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["a.parquet"]

@@ -10,12 +10,20 @@ import numpy as np
 import pytest
 
 import hdagen
-from hdagen.blind.realities.arm_motion import Motion, circle, rich
-from hdagen.blind.realities.arm_reality import PERIOD, STEP, World, simulate, tilted
-from hdagen.blind.realities.drivetrain import Drivetrain, Slip, Springs
-from hdagen.blind.realities.effect_sizes import SIZES, UNKNOWN_KINDS
-from hdagen.blind.realities.log_maker import make
-from hdagen.blind.realities.two_joint_arms import DRIVE, SENSOR, ArmCase, Present, TwoJointArm, parameters, robots
+from hdagen.blind.realities.arm_motion import Motion, draw_circle_motion, draw_rich_motion
+from hdagen.blind.realities.arm_reality import ARM_STEP, PERIOD, ArmWorld, simulate_world, tilt_gravity
+from hdagen.blind.realities.drivetrain import Drivetrain, MaxwellSlip, Springs
+from hdagen.blind.realities.effect_sizes import EFFECT_SIZES, UNKNOWN_KINDS
+from hdagen.blind.realities.log_maker import make_arm_log
+from hdagen.blind.realities.two_joint_arms import (
+    NOMINAL_DRIVE,
+    NOMINAL_SENSOR,
+    ArmCase,
+    TrueEffect,
+    TwoJointArm,
+    draw_effect_parameters,
+    draw_robots,
+)
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 
@@ -23,7 +31,7 @@ LINKS = (
     {"length": 0.15, "mass": 1.6, "center_of_mass": 0.08, "inertia": 0.03},
     {"length": 0.17, "mass": 0.9, "center_of_mass": 0.08, "inertia": 0.012},
 )
-JOINTS = tuple({**link, **DRIVE, **SENSOR} for link in LINKS)
+JOINTS = tuple({**link, **NOMINAL_DRIVE, **NOMINAL_SENSOR} for link in LINKS)
 FLAT = TwoJointArm("flat", (0.0, 0.0), JOINTS)  # type: ignore[arg-type]
 STANDING = TwoJointArm("standing", (0.0, -9.81), JOINTS)  # type: ignore[arg-type]
 NOTHING: tuple[dict[str, dict[str, float]], ...] = ({}, {})
@@ -40,7 +48,7 @@ def log(
     effects: tuple[dict[str, dict[str, float]], ...] = NOTHING,
     arm: dict[str, dict[str, float]] | None = None,
 ) -> dict[str, np.ndarray]:
-    return simulate(World(robot.joints, effects, arm or {}, robot.gravity), robot.joints, motion, 7)
+    return simulate_world(ArmWorld(robot.joints, effects, arm or {}, robot.gravity), robot.joints, motion, 7)
 
 
 # -- the drive alone --------------------------------------------------------------------------------------------------
@@ -71,7 +79,7 @@ KEYS = (
 def test_slip_elements_forget_speed_and_lose_energy() -> None:
     angle = 2e-4
     swing = angle * 6 * np.sin(np.linspace(0, 4 * np.pi, 4001))
-    fine, coarse = Slip(1.5, angle), Slip(1.5, angle)
+    fine, coarse = MaxwellSlip(1.5, angle), MaxwellSlip(1.5, angle)
     loop = np.array([fine.torque(x) for x in swing])
     again = np.array([coarse.torque(x) for x in swing[::2]])
     # the same path in other steps gives the same torques, wherever no element lets go within a step by less than it
@@ -83,23 +91,25 @@ def test_slip_elements_forget_speed_and_lose_energy() -> None:
 
 
 def test_without_effects_the_drive_is_springs_damper_and_viscous_friction() -> None:
-    drive = Drivetrain(JOINTS[0], {}, STEP)
-    motor, level, tau = drive.torques(3.0, 20.0, 0.0299, 0.21)
-    expected = Springs(JOINTS[0]).torque(0.03 - 0.0299) + DRIVE["torsional_damping"] * (0.2 - 0.21)
-    assert tau == pytest.approx(expected, rel=1e-12) and level == DRIVE["coulomb_friction"]
-    assert motor == pytest.approx(-DRIVE["viscous_friction"] * 20.0 - tau / 100.0, rel=1e-12)
+    drive = Drivetrain(JOINTS[0], {}, ARM_STEP)
+    motor, level, tau = drive.compute_torques(3.0, 20.0, 0.0299, 0.21)
+    expected = Springs(JOINTS[0]).torque(0.03 - 0.0299) + NOMINAL_DRIVE["torsional_damping"] * (0.2 - 0.21)
+    assert tau == pytest.approx(expected, rel=1e-12) and level == NOMINAL_DRIVE["coulomb_friction"]
+    assert motor == pytest.approx(-NOMINAL_DRIVE["viscous_friction"] * 20.0 - tau / 100.0, rel=1e-12)
 
 
 def test_a_kinematic_error_makes_no_energy() -> None:
     p = {"once": 1e-4, "once_phase": 0.3, "twice": 2e-4, "twice_phase": 1.0, "fourth": 2e-5, "fourth_phase": 2.0}
-    drive = Drivetrain(JOINTS[0] | {"viscous_friction": 0.0, "torsional_damping": 0.0}, {"kinematic_error": p}, STEP)
+    drive = Drivetrain(
+        JOINTS[0] | {"viscous_friction": 0.0, "torsional_damping": 0.0}, {"kinematic_error": p}, ARM_STEP
+    )
     angles = np.linspace(0, 2 * math.pi, 4001)
     q = 0.005  # the motor turns once against a link that stands still
     work = 0.0
     for theta, width in zip(angles[:-1], np.diff(angles), strict=True):
-        work += drive.torques(theta + 0.5 * width, 1e-9, q, 0.0)[0] * width
+        work += drive.compute_torques(theta + 0.5 * width, 1e-9, q, 0.0)[0] * width
     springs = Springs(JOINTS[0])
-    ends = [theta / 100 - q + drive._kinematic(theta)[0] for theta in (0.0, 2 * math.pi)]
+    ends = [theta / 100 - q + drive._kinematic_lead(theta)[0] for theta in (0.0, 2 * math.pi)]
     paths = [np.linspace(0.0, end, 2001) for end in ends]
     stored = [float(np.trapezoid([springs.torque(x) for x in path], path)) for path in paths]
     assert -work == pytest.approx(stored[1] - stored[0], rel=1e-3)
@@ -107,12 +117,12 @@ def test_a_kinematic_error_makes_no_energy() -> None:
 
 def test_the_bristle_settles_at_the_level_of_friction() -> None:
     effects = {"presliding_friction": {"share": 0.5, "angle": 0.1, "damping": 0.0}}
-    drive = Drivetrain(JOINTS[0], effects, STEP)
-    start, rest, _ = drive.torques(0.0, 0.0, 0.0, 0.0)
-    for _ in range(round(1.0 / (50.0 * STEP))):  # a radian at 50 rad/s, ten times the angle
-        motor, _, _ = drive.torques(0.0, 50.0, 0.0, 0.5)
-    assert start == 0.0 and rest == pytest.approx(0.5 * DRIVE["coulomb_friction"])
-    assert motor + DRIVE["viscous_friction"] * 50.0 == pytest.approx(-rest, rel=1e-3)
+    drive = Drivetrain(JOINTS[0], effects, ARM_STEP)
+    start, rest, _ = drive.compute_torques(0.0, 0.0, 0.0, 0.0)
+    for _ in range(round(1.0 / (50.0 * ARM_STEP))):  # a radian at 50 rad/s, ten times the angle
+        motor, _, _ = drive.compute_torques(0.0, 50.0, 0.0, 0.5)
+    assert start == 0.0 and rest == pytest.approx(0.5 * NOMINAL_DRIVE["coulomb_friction"])
+    assert motor + NOMINAL_DRIVE["viscous_friction"] * 50.0 == pytest.approx(-rest, rel=1e-3)
 
 
 # -- the whole --------------------------------------------------------------------------------------------------------
@@ -123,7 +133,7 @@ def test_the_generated_model_replays_a_reality_without_effects_at_the_noise(robo
     """Both simulators share no line, so this holds each to the other."""
     path = tmp_path / "robot.toml"
     path.write_text(robot.toml())
-    columns = log(robot, rich(11, 3.0))
+    columns = log(robot, draw_rich_motion(11, 3.0))
     time = columns.pop("time")
     found = replay(hdagen.load(path, out=tmp_path), Log(time, columns, 2, "reality"))
     for name, noise in found.noise.items():
@@ -138,8 +148,8 @@ def test_the_generated_model_replays_a_reality_without_effects_at_the_noise(robo
 def test_an_arm_that_is_asked_to_stand_stands(q: tuple[float, float]) -> None:
     columns = log(STANDING, still(300, q))
     for j in (1, 2):
-        assert np.ptp(columns[f"joint_position_{j}"]) <= 2 * SENSOR["joint_encoder_resolution"]
-        assert abs(columns[f"joint_position_{j}"][0] - q[j - 1]) < SENSOR["joint_encoder_resolution"]
+        assert np.ptp(columns[f"joint_position_{j}"]) <= 2 * NOMINAL_SENSOR["joint_encoder_resolution"]
+        assert abs(columns[f"joint_position_{j}"][0] - q[j - 1]) < NOMINAL_SENSOR["joint_encoder_resolution"]
 
 
 def test_a_payload_weighs_what_it_weighs() -> None:
@@ -147,12 +157,12 @@ def test_a_payload_weighs_what_it_weighs() -> None:
     now, before = (log(STANDING, still(2), e)["motor_position_1"][0] / 100 for e in (effects, NOTHING))
     springs = Springs(JOINTS[0])
     added = springs.torque(now) - springs.torque(before)  # of the first joint's springs, N m
-    one_count = SENSOR["motor_encoder_resolution"] / 100 * 16e3
+    one_count = NOMINAL_SENSOR["motor_encoder_resolution"] / 100 * 16e3
     assert added == pytest.approx(0.4 * 9.81 * (0.15 + 0.17), abs=one_count)
 
 
 def _kept(name: str, effects: dict[str, dict[str, float]]) -> dict[str, np.ndarray]:
-    return log(FLAT, rich(3, 1.0), ({}, effects))
+    return log(FLAT, draw_rich_motion(3, 1.0), ({}, effects))
 
 
 def test_a_delayed_command_acts_when_it_arrives() -> None:
@@ -180,11 +190,11 @@ def test_a_limit_cuts_the_current_and_nothing_else() -> None:
 
 
 def test_a_late_encoder_shows_the_angle_of_before() -> None:
-    true = log(FLAT, rich(3, 1.0))["joint_position_2"]
+    true = log(FLAT, draw_rich_motion(3, 1.0))["joint_position_2"]
     late = _kept("late", {"sensor_delay": {"time": 2.25e-3}})["joint_position_2"]
     k = np.arange(3, len(true))
     expected = true[k - 2] + 0.25 * (true[k - 3] - true[k - 2])
-    assert np.abs(late[3:] - expected).max() < 3 * SENSOR["joint_encoder_resolution"]
+    assert np.abs(late[3:] - expected).max() < 3 * NOMINAL_SENSOR["joint_encoder_resolution"]
 
 
 @pytest.mark.parametrize("j", [0, 1])
@@ -204,7 +214,7 @@ def test_a_wall_stands_at_its_angle(j: int, side: float) -> None:
 
 @pytest.mark.parametrize(("lowest", "highest"), [(-0.5, 0.4), (-0.02, 0.6), (-0.7, 0.0), (-0.1, 0.05)])
 def test_no_arm_begins_in_a_wall_and_every_one_reaches_it(lowest: float, highest: float) -> None:
-    ends, size = {"lowest": lowest, "highest": highest}, SIZES["contact"]
+    ends, size = {"lowest": lowest, "highest": highest}, EFFECT_SIZES["contact"]
     sides = set()
     for seed in range(20):
         wall = size.draw(1.5 * size.typical, np.random.default_rng(seed), ends)
@@ -217,9 +227,9 @@ def test_no_arm_begins_in_a_wall_and_every_one_reaches_it(lowest: float, highest
 
 def test_a_tilted_base_turns_gravity() -> None:
     arm = {"gravity_tilt": {"angle": 0.1, "direction": 0.5}}
-    x, y = tilted(World(JOINTS, NOTHING, arm, (0.0, -9.81)))
+    x, y = tilt_gravity(ArmWorld(JOINTS, NOTHING, arm, (0.0, -9.81)))
     assert math.hypot(x, y) == pytest.approx(9.81) and math.atan2(y, x) == pytest.approx(-math.pi / 2 + 0.1)
-    x, y = tilted(World(JOINTS, NOTHING, arm, (0.0, 0.0)))
+    x, y = tilt_gravity(ArmWorld(JOINTS, NOTHING, arm, (0.0, 0.0)))
     assert (x, y) == pytest.approx((9.81 * math.sin(0.1) * math.cos(0.5), 9.81 * math.sin(0.1) * math.sin(0.5)))
 
 
@@ -242,10 +252,10 @@ CASE = ArmCase("x", "single", FLAT, (), 1.0, 5)  # its background is the typical
 ENDS = {j: {"peak": 4.0, "lowest": -0.02, "highest": 0.02} for j in (1, 2)}
 
 
-@pytest.mark.parametrize("effect", SIZES)
+@pytest.mark.parametrize("effect", EFFECT_SIZES)
 def test_every_effect_at_its_typical_size_stands_above_the_noise(effect: str, quiet: dict[str, np.ndarray]) -> None:
-    joint = {"each": 2, "last": 2, "arm": 0}[SIZES[effect].joints]
-    p = {effect: parameters(replace(CASE, truth=(Present(effect, joint, 1.0),)), ENDS)[effect, joint]}
+    joint = {"each": 2, "last": 2, "arm": 0}[EFFECT_SIZES[effect].joints]
+    p = {effect: draw_effect_parameters(replace(CASE, truth=(TrueEffect(effect, joint, 1.0),)), ENDS)[effect, joint]}
     if effect == "contact":
         p["contact"] |= {"angle": 0.0, "side": 1.0}
     found = log(FLAT, lively(), ({}, p if joint else {}), {} if joint else p)
@@ -264,11 +274,11 @@ def test_every_unknown_torque_stands_above_the_noise(kind: int, quiet: dict[str,
 
 
 def test_the_same_case_is_the_same_to_the_bit() -> None:
-    case = ArmCase("x", "background", robots("s")[0], (Present("backlash", 1, 1.0),), 0.04, 3)
-    (one, found, snr), (again, _, _) = (make(case, "log", 0.4, None) for _ in range(2))
+    case = ArmCase("x", "background", draw_robots("s")[0], (TrueEffect("backlash", 1, 1.0),), 0.04, 3)
+    (one, found, snr), (again, _, _) = (make_arm_log(case, "log", 0.4, None) for _ in range(2))
     assert all(np.array_equal(one[name], again[name]) for name in one) and snr > 1.0
     assert len(found) == 2 * 24 - 3 + 1 - 2  # each effect at both joints; payload at the last, tilt of the arm; no wall
-    held, _, _ = make(case, "hold_out", 0.4, found)
+    held, _, _ = make_arm_log(case, "hold_out", 0.4, found)
     assert not np.array_equal(one["joint_position_reference_1"], held["joint_position_reference_1"])
 
 
@@ -277,7 +287,7 @@ def test_the_same_case_is_the_same_to_the_bit() -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_rich_motions_start_at_rest_hold_turn_back_and_stay_slow_enough(seed: int) -> None:
-    motion = rich(seed)
+    motion = draw_rich_motion(seed)
     v = motion.velocity
     assert np.abs(v[:3]).max() < 1e-2 and np.all(motion.position[0] == 0.0)
     assert np.abs(v).max() <= 3.0 + 1e-9
@@ -291,7 +301,7 @@ def test_rich_motions_start_at_rest_hold_turn_back_and_stay_slow_enough(seed: in
 
 
 def test_the_circle_is_one() -> None:
-    motion = circle(4, (0.15, 0.17))
+    motion = draw_circle_motion(4, (0.15, 0.17))
     q1, both = motion.position[:, 0], motion.position.sum(axis=1)
     tip = np.stack([0.15 * np.cos(q1) + 0.17 * np.cos(both), 0.15 * np.sin(q1) + 0.17 * np.sin(both)], axis=1)
     middle = 0.5 * (tip.max(axis=0) + tip.min(axis=0))

@@ -19,12 +19,20 @@ import pytest
 from hostile_names import NAME, check_escaped
 
 from hdagen.blind import blind_page, calibrate, label_seal, rates
-from hdagen.blind.blind_report import report, written
-from hdagen.blind.confidence_intervals import mean, median, rate
-from hdagen.blind.parameter_errors import COMPARED, compare
-from hdagen.blind.realities.effect_sizes import SIZES
-from hdagen.blind.scores import Row, alike, bins, confusion, coverage, judged, summary
-from hdagen.blind.sealed_check import Check, _claim, gap
+from hdagen.blind.blind_report import make_report, render_report
+from hdagen.blind.confidence_intervals import estimate_mean, estimate_median, estimate_rate
+from hdagen.blind.parameter_errors import PARAMETER_COMPARISONS, compare_parameters
+from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
+from hdagen.blind.scores import (
+    Row,
+    accuracy_by_coverage,
+    bin_by_confidence,
+    count_confusions,
+    merge_equivalent,
+    score_case,
+    summarize_rows,
+)
+from hdagen.blind.sealed_check import Check, _claim_folder, measure_replay_gap
 from hdagen.diagnosis.decision import calibration
 from hdagen.log.measured_log import write
 
@@ -61,7 +69,7 @@ def diagnosis(verdict: list[str], p: float, place: str = "motor", **more: Any) -
 
 
 def row(truth: list[str], said: dict[str, Any] | None, **result: Any) -> Row:
-    return judged("x", label(*truth), told(*truth), {"seconds": 1.0, "before": 9.0, "after": 2.0} | result, said)
+    return score_case("x", label(*truth), told(*truth), {"seconds": 1.0, "before": 9.0, "after": 2.0} | result, said)
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------
@@ -72,7 +80,7 @@ def row(truth: list[str], said: dict[str, Any] | None, **result: Any) -> Row:
     [(8, 10, 0.4902, 0.9433), (0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (1, 300, 0.0006, 0.0186)],
 )
 def test_wilson_s_interval(hits: int, count: int, low: float, high: float) -> None:
-    found = rate([k < hits for k in range(count)])
+    found = estimate_rate([k < hits for k in range(count)])
     assert (found.value, found.count) == (hits / count, count)
     assert (found.low, found.high) == pytest.approx((low, high), abs=1e-4)
 
@@ -80,22 +88,24 @@ def test_wilson_s_interval(hits: int, count: int, low: float, high: float) -> No
 def test_wilson_s_interval_holds_the_truth_as_often_as_it_says() -> None:
     rng = np.random.default_rng(0)
     for share in (0.05, 0.5, 0.95):
-        inside = [(f := rate(list(rng.random(60) < share))).low <= share <= f.high for _ in range(2000)]
+        inside = [(f := estimate_rate(list(rng.random(60) < share))).low <= share <= f.high for _ in range(2000)]
         assert 0.92 < np.mean(inside) < 0.985
 
 
 def test_the_median_s_interval_holds_the_truth_as_often_as_it_says() -> None:
     rng = np.random.default_rng(1)
-    inside = [(f := median(list(rng.exponential(size=40)))).low <= math.log(2) <= f.high for _ in range(1500)]
+    inside = [(f := estimate_median(list(rng.exponential(size=40)))).low <= math.log(2) <= f.high for _ in range(1500)]
     assert 0.93 < np.mean(inside) < 0.99
-    assert math.isnan(mean([3.0]).low) and mean([1.0, 3.0]).value == 2.0 and rate([]).count == 0
+    assert (
+        math.isnan(estimate_mean([3.0]).low) and estimate_mean([1.0, 3.0]).value == 2.0 and estimate_rate([]).count == 0
+    )
 
 
 # -- rows and their sums ----------------------------------------------------------------------------------------------
 
 
 def test_a_right_verdict_scores_everywhere() -> None:
-    found = summary([row(["payload@2"], diagnosis(["payload@2"], 0.9, "link"))])
+    found = summarize_rows([row(["payload@2"], diagnosis(["payload@2"], 0.9, "link"))])
     for name in ("effect", "effect_and_joint", "joint", "place", "top3"):
         assert found[name].value == 1.0
     assert found["p_truth"].value == 0.9 and found["brier"].value == pytest.approx(2 * 0.1**2)
@@ -103,29 +113,34 @@ def test_a_right_verdict_scores_everywhere() -> None:
     assert found["closed"].value == pytest.approx(7 / 8) and found["worse"].value == 0.0
     assert found["achieved"].value == pytest.approx(6 / 5)  # 9 to 3, a flexible correction to 4
     nothing = diagnosis(["payload@2"], 0.9) | {"gap": {"before": 1.2, "after": 1.1, "flexible": 1.0}}
-    assert "achieved" not in summary([row(["payload@2"], nothing), row([], diagnosis([], 1.0))])
+    assert "achieved" not in summarize_rows([row(["payload@2"], nothing), row([], diagnosis([], 1.0))])
 
 
 def test_each_kind_of_wrong_is_told_apart() -> None:
     joint = row(["backlash@2"], diagnosis(["backlash@1"], 0.8, "transmission"))
     place = row(["backlash@2"], diagnosis(["backlash@2"], 0.8, "motor"))
     more = row(["backlash@2"], diagnosis(["backlash@2", "payload@2"], 0.8, "transmission"))
-    assert (joint.effect_right, joint.joint_right, joint.right, joint.place_right) == (True, False, False, True)
-    assert (place.effect_right, place.right, place.place_right) == (True, True, False)
-    assert (more.effect_right, more.right, more.joint_right) == (False, False, True)
+    assert (joint.is_effect_right, joint.is_joint_right, joint.is_right, joint.is_place_right) == (
+        True,
+        False,
+        False,
+        True,
+    )
+    assert (place.is_effect_right, place.is_right, place.is_place_right) == (True, True, False)
+    assert (more.is_effect_right, more.is_right, more.is_joint_right) == (False, False, True)
 
 
 def test_names_that_count_as_the_same_do_and_their_probabilities_add_up() -> None:
     said = diagnosis(["current_bias@1"], 0.6)
     said["causes"].append({"effect": "asymmetric_friction", "joint": 1, "probability": 0.3})
     found = row(["asymmetric_friction@1"], said)
-    assert found.right and found.p_truth == pytest.approx(0.9) and alike("payload@2") == "payload@2"
-    assert not row(["asymmetric_friction@1"], diagnosis(["current_bias@2"], 0.6)).right
+    assert found.is_right and found.p_truth == pytest.approx(0.9) and merge_equivalent("payload@2") == "payload@2"
+    assert not row(["asymmetric_friction@1"], diagnosis(["current_bias@2"], 0.6)).is_right
 
 
 def test_the_arm_as_a_whole_has_no_joint_to_miss() -> None:
     found = row(["gravity_tilt@0"], diagnosis(["gravity_tilt@1"], 0.9, "link"))
-    assert found.joint_right and found.right
+    assert found.is_joint_right and found.is_right
 
 
 def test_none_unknown_and_pairs() -> None:
@@ -137,28 +152,30 @@ def test_none_unknown_and_pairs() -> None:
         row(["payload@2", "stiffness@1"], diagnosis(["payload@2"], 0.9)),
         row(["payload@2", "stiffness@1"], diagnosis(["stiffness@1", "payload@2"], 0.9)),
     ]
-    found = summary(rows)
+    found = summarize_rows(rows)
     assert found["false_alarm"].value == 0.5 and found["false_alarm"].count == 2
     assert found["unknown_found"].value == 1.0 and found["unknown_found_at_joint"].value == 0.5
     assert found["pair_f1"].value == pytest.approx((2 / 3 + 1) / 2) and found["pair_both"].value == 0.5
     assert rows[0].p_truth == 1.0 and rows[1].p_truth == pytest.approx(0.3)
     assert "effect" not in found
-    assert confusion(rows) == {"none": {"none": 1, "payload": 1}, "unknown": {"unknown": 2}}
+    assert count_confusions(rows) == {"none": {"none": 1, "payload": 1}, "unknown": {"unknown": 2}}
 
 
 def test_what_is_unknown_beside_named_effects_is_no_part_of_the_verdict() -> None:
     said = diagnosis(["payload@2"], 0.9, "link") | {"verdict": ["payload@2", "unknown@1"]}
     said["hypotheses"][0]["effects"] = said["verdict"]
     single, none, unknown = row(["payload@2"], said), row([], said), row(["unknown@1"], said)
-    assert single.right and single.verdict == ("payload@2",) and single.remainder == ("unknown@1",)
+    assert single.is_right and single.verdict == ("payload@2",) and single.remainder == ("unknown@1",)
     assert single.p_truth == 0.9 and single.p_stated == 0.9 and single.brier == pytest.approx(2 * 0.1**2)
-    assert summary([none])["false_alarm"].value == 1.0
-    assert summary([unknown])["unknown_found_at_joint"].value == 0.0  # it has to be unknown alone
-    assert summary([single, row(["payload@2"], diagnosis(["payload@2"], 0.9))])["remainder"].value == 0.5
+    assert summarize_rows([none])["false_alarm"].value == 1.0
+    assert summarize_rows([unknown])["unknown_found_at_joint"].value == 0.0  # it has to be unknown alone
+    assert summarize_rows([single, row(["payload@2"], diagnosis(["payload@2"], 0.9))])["remainder"].value == 0.5
     pair = row(["payload@2", "stiffness@1"], diagnosis(["stiffness@1", "payload@2", "unknown@2"], 0.9))
-    assert summary([pair])["pair_f1"].value == 1.0 and summary([pair])["pair_both"].value == 1.0
+    assert summarize_rows([pair])["pair_f1"].value == 1.0 and summarize_rows([pair])["pair_both"].value == 1.0
     alone = row([], diagnosis(["unknown@1"], 0.9))
-    assert alone.verdict == ("unknown@1",) and not alone.remainder and summary([alone])["false_alarm"].value == 1.0
+    assert (
+        alone.verdict == ("unknown@1",) and not alone.remainder and summarize_rows([alone])["false_alarm"].value == 1.0
+    )
 
 
 @pytest.mark.parametrize(
@@ -177,7 +194,7 @@ def test_what_is_unknown_beside_named_effects_is_no_part_of_the_verdict() -> Non
 def test_both_are_said_where_the_effect_is_named_and_unknown_stands_at_its_joint(
     said: list[str], named: bool, unknown: bool
 ) -> None:
-    found = summary([row(["payload@2", "unknown@1"], diagnosis(said, 0.95))])
+    found = summarize_rows([row(["payload@2", "unknown@1"], diagnosis(said, 0.95))])
     assert found["effect_and_joint"].value == named and found["unknown_said_at_joint"].value == unknown
     assert found["both_said"].value == (named and unknown)
     assert found["sure_and_wrong"].value == (not named)  # it speaks of what is named
@@ -204,7 +221,9 @@ def test_what_is_confounded_counts_where_the_verdict_is_wrong() -> None:
     said = diagnosis(["payload@2"], 0.9)
     said["causes"][0]["confounded_with"] = ["torque_constant@2"]
     right = diagnosis(["torque_constant@2"], 0.9)
-    found = summary([row(["torque_constant@2"], said), row(["stiffness@2"], said), row(["torque_constant@2"], right)])
+    found = summarize_rows(
+        [row(["torque_constant@2"], said), row(["stiffness@2"], said), row(["torque_constant@2"], right)]
+    )
     assert found["confounded_where_wrong"].value == 0.5 and found["confounded_where_wrong"].count == 2
 
 
@@ -224,12 +243,12 @@ def test_a_bent_diagnosis_counts_as_failed_and_wrong(bent: dict[str, Any]) -> No
     if "hypotheses" in bent:
         assert not found.failed and found.brier == 1.0  # none at all is none on the truth
         return
-    assert found.failed.startswith("diagnosis.json is not") and not found.effect_right
-    assert summary([found])["failed"].value == 1.0 and summary([found])["effect"].value == 0.0
+    assert found.failed.startswith("diagnosis.json is not") and not found.is_effect_right
+    assert summarize_rows([found])["failed"].value == 1.0 and summarize_rows([found])["effect"].value == 0.0
 
 
 def test_no_diagnosis_is_wrong_raises_no_alarm_and_has_no_gap() -> None:
-    found = summary([row(["payload@2"], None, failed="it crashed"), row([], None, failed="it crashed")])
+    found = summarize_rows([row(["payload@2"], None, failed="it crashed"), row([], None, failed="it crashed")])
     assert found["effect"].value == 0.0 and "false_alarm" not in found and "closed" not in found
 
 
@@ -240,13 +259,13 @@ def test_reliability_and_coverage() -> None:
         p = rng.uniform(0.3, 1.0)
         said = ["payload@2"] if rng.random() < p else ["stiffness@1"]
         rows.append(row(["payload@2"], diagnosis(said, p)))
-    assert summary(rows)["calibration_error"].value < 0.03
-    assert all(right.low - 0.03 <= said.value <= right.high + 0.03 for said, right in bins(rows))
-    share, right = coverage(rows)
+    assert summarize_rows(rows)["calibration_error"].value < 0.03
+    assert all(right.low - 0.03 <= said.value <= right.high + 0.03 for said, right in bin_by_confidence(rows))
+    share, right = accuracy_by_coverage(rows)
     assert share[-1] == 1.0 and right[400] > 0.93 > right[-1]
-    assert right[-1] == pytest.approx(summary(rows)["effect_and_joint"].value)
+    assert right[-1] == pytest.approx(summarize_rows(rows)["effect_and_joint"].value)
     louder = [replace(one, p_top=min(1.0, one.p_top + 0.2)) for one in rows]
-    assert summary(louder)["calibration_error"].value > 0.1
+    assert summarize_rows(louder)["calibration_error"].value > 0.1
 
 
 # -- the script by which the project is judged ------------------------------------------------------------------------
@@ -272,7 +291,7 @@ def test_the_summary_is_that_of_the_script_by_which_it_is_judged(tmp_path: Path)
     judge = JUDGE / "score_diagnosis.py"
     if not judge.is_file():
         pytest.skip(f"{judge} is not there, the script by which diagnoses are judged")
-    rng, effects = np.random.default_rng(5), list(SIZES)
+    rng, effects = np.random.default_rng(5), list(EFFECT_SIZES)
     names = ("motor_current", "motor_position", "joint_position")
     time = np.arange(50) * 1e-3
     labels, saids, rows = {}, {}, []
@@ -294,8 +313,11 @@ def test_the_summary_is_that_of_the_script_by_which_it_is_judged(tmp_path: Path)
             write({"time": time, **moved}, tmp_path / f"{folder.name}-{which}.parquet")
         if said is None:
             continue  # the script leaves failures out of its rates
-        gaps = {w: gap(tmp_path / f"{folder.name}-{w}.parquet", folder / "hold_out.parquet", robot) for w in WHICH}
-        rows.append(judged(folder.name, label(*truth), told(*truth), {"seconds": 1.0} | gaps, said))
+        gaps = {
+            w: measure_replay_gap(tmp_path / f"{folder.name}-{w}.parquet", folder / "hold_out.parquet", robot)
+            for w in WHICH
+        }
+        rows.append(score_case(folder.name, label(*truth), told(*truth), {"seconds": 1.0} | gaps, said))
     (tmp_path / "cases" / "labels.json").write_text(json.dumps(labels))
     (tmp_path / "said.json").write_text(json.dumps(saids))
     program = tmp_path / "hdagen"
@@ -306,7 +328,7 @@ def test_the_summary_is_that_of_the_script_by_which_it_is_judged(tmp_path: Path)
         [sys.executable, judge, program, tmp_path / "cases", "--json", out], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    expected, found = json.loads(out.read_text())["summary"], summary(rows)
+    expected, found = json.loads(out.read_text())["summary"], summarize_rows(rows)
     assert expected["failed"] == sum(said is None for said in saids.values()) > 0
     shared = set(expected) - {"cases", "failed", "seconds", "p_truth"}
     assert shared >= {"effect", "joint", "place", "top3", "false_alarm", "unknown_found", "pair_f1", "closed", "worse"}
@@ -318,9 +340,9 @@ WHICH = ("before", "after")
 
 
 def _robot() -> Any:
-    from hdagen.blind.realities.two_joint_arms import robots
+    from hdagen.blind.realities.two_joint_arms import draw_robots
 
-    return robots("any")[0]
+    return draw_robots("any")[0]
 
 
 def _truth(k: int, rng: np.random.Generator, effects: list[str]) -> list[str]:
@@ -338,7 +360,11 @@ def _said(truth: list[str], rng: np.random.Generator, effects: list[str]) -> dic
     verdict = truth if rng.random() < 0.5 else [f"{rng.choice([*effects, 'unknown'])}@{rng.integers(1, 3)}"]
     if rng.random() < 0.1:
         verdict = []
-    place = SIZES.get(truth[0].split("@")[0], SIZES["payload"]).place if truth and rng.random() < 0.7 else "input"
+    place = (
+        EFFECT_SIZES.get(truth[0].split("@")[0], EFFECT_SIZES["payload"]).place
+        if truth and rng.random() < 0.7
+        else "input"
+    )
     said = diagnosis(verdict, round(float(rng.uniform(0.35, 0.99)), 3), place)
     said["causes"].append({"effect": "stiffness", "joint": 1, "probability": 0.01, "parameters": {}})
     if verdict and verdict[0].startswith("asymmetric"):
@@ -354,21 +380,21 @@ def test_true_and_found_parameters_are_put_side_by_side() -> None:
     said = diagnosis(["torque_ripple@1"], 0.9)
     said["causes"][0]["parameters"] = {name: {"value": value, "std": 1e-3} for name, value in ripple.items()}
     truth = {"torque_ripple@1": {"order": 7.0, "torque": 4e-3}}
-    right = judged("x", label("torque_ripple@1"), {"snr": 1.0, "parameters": truth}, {}, said)
+    right = score_case("x", label("torque_ripple@1"), {"snr": 1.0, "parameters": truth}, {}, said)
     wrong = replace(right, verdict=("payload@2",))
-    lines = {line.compared.words: line for line in compare([right, wrong])}
+    lines = {line.compared.words: line for line in compare_parameters([right, wrong])}
     assert lines["order"].error.value == 0.0 and lines["order"].within.value == 1.0
     assert lines["torque"].pairs == ((4e-3, pytest.approx(5e-3)),) and lines["torque"].error.count == 1
-    assert {one.effect for one in COMPARED} >= set(SIZES) - {"asymmetric_friction", "current_bias"}
+    assert {one.effect for one in PARAMETER_COMPARISONS} >= set(EFFECT_SIZES) - {"asymmetric_friction", "current_bias"}
 
 
 def test_a_seal_opens_for_its_labels_only() -> None:
     labels = {"a": label("payload@2"), "b": label()}
-    closed = label_seal.close(labels, "s")
-    label_seal.open_(json.loads(json.dumps(labels)), "s", closed)
-    assert label_seal.close(labels, "t") != closed and len(closed.digest) == 64
+    closed = label_seal.seal_labels(labels, "s")
+    label_seal.verify_seal(json.loads(json.dumps(labels)), "s", closed)
+    assert label_seal.seal_labels(labels, "t") != closed and len(closed.digest) == 64
     with pytest.raises(label_seal.SealError, match="not those that were sealed"):
-        label_seal.open_(labels | {"b": label("payload@2")}, "s", closed)
+        label_seal.verify_seal(labels | {"b": label("payload@2")}, "s", closed)
 
 
 @pytest.mark.parametrize(("true", "lapse"), [(0.5, 0.0), (1.0, 0.05), (3.0, 0.0), (3.0, 0.1)])
@@ -376,19 +402,23 @@ def test_temperature_and_lapse_are_found_again(true: float, lapse: float, tmp_pa
     rng = np.random.default_rng(2)
     log_odds = rng.normal(4.0, 3.0, 20000)
     right = rng.random(20000) < (1 - lapse) / (1 + np.exp(-log_odds / true))
-    temperature, missed = calibrate.fit(log_odds, right)
+    temperature, missed = calibrate.fit_calibration(log_odds, right)
     assert temperature == pytest.approx(max(true, 1.0), rel=0.1) and missed == pytest.approx(lapse, abs=0.02)
-    assert calibrate.loss(log_odds, right, temperature, missed) <= calibrate.loss(log_odds, right, 1.0, 1e-3)
+    assert calibrate.mean_log_loss(log_odds, right, temperature, missed) <= calibrate.mean_log_loss(
+        log_odds, right, 1.0, 1e-3
+    )
     rows = [
         row(["payload@2"], diagnosis(["payload@2" if hit else "stiffness@1"], float(1 / (1 + np.exp(-x)))))
         for x, hit in zip(log_odds[:400], right[:400], strict=True)
     ]
     source, out = tmp_path / "data.json", tmp_path / "calibration.json"
-    source.write_text(calibrate.data(rows, "single", label_seal.seed_hash("s")))
-    frozen = calibrate.freeze([source], out)
+    source.write_text(calibrate.render_calibration_data(rows, "single", label_seal.hash_seed("s")))
+    frozen = calibrate.freeze_calibration([source], out)
     assert frozen.temperature == pytest.approx(max(true, 1.0), rel=0.4) and frozen.temperature >= 1.0
     assert frozen.lapse == pytest.approx(lapse, abs=0.05) and frozen.lapse >= 1 / 402 and frozen.cases == 400
-    assert frozen.after <= frozen.before - math.log1p(-1 / 402) and frozen.seeds == (label_seal.seed_hash("s"),)
+    assert frozen.loss_after <= frozen.loss_before - math.log1p(-1 / 402) and frozen.seeds == (
+        label_seal.hash_seed("s"),
+    )
     out.write_text(out.read_text().replace('"cases": 400', '"cases": 401'))
     with pytest.raises(calibrate.CalibrationError, match="not as it was frozen"):
         calibrate.read(out)
@@ -396,24 +426,24 @@ def test_temperature_and_lapse_are_found_again(true: float, lapse: float, tmp_pa
 
 def test_few_cases_that_are_nearly_all_right_are_no_proof_of_more() -> None:
     log_odds, right = np.full(40, 12.0), np.ones(40, bool)
-    assert calibrate.fit(log_odds, right)[1] == pytest.approx(1 / 42)
+    assert calibrate.fit_calibration(log_odds, right)[1] == pytest.approx(1 / 42)
 
 
 def test_too_little_to_calibrate_on_is_refused(tmp_path: Path) -> None:
     source = tmp_path / "data.json"
     right = [row(["payload@2"], diagnosis(["payload@2"], 0.9))]
     for rows, words in ((right * 3, "too few"), (right * 40, "no temperature is best")):
-        source.write_text(calibrate.data(rows, "single", label_seal.seed_hash("s")))
+        source.write_text(calibrate.render_calibration_data(rows, "single", label_seal.hash_seed("s")))
         with pytest.raises(calibrate.CalibrationError, match=words):
-            calibrate.freeze([source], tmp_path / "out.json")
+            calibrate.freeze_calibration([source], tmp_path / "out.json")
     source.write_text('{"schema": 1}')
     with pytest.raises(calibrate.CalibrationError, match="cannot be read"):
-        calibrate.freeze([source], tmp_path / "out.json")
+        calibrate.freeze_calibration([source], tmp_path / "out.json")
     assert not (tmp_path / "out.json").exists()
 
 
 def _many(kind: str) -> list[Row]:
-    rng, effects = np.random.default_rng(8), list(SIZES)
+    rng, effects = np.random.default_rng(8), list(EFFECT_SIZES)
     truths = {"none": 0, "unknown": 1, "pair": 2, "unknown+one": 1}
     rows = []
     for k in range(24):
@@ -426,25 +456,26 @@ def _many(kind: str) -> list[Row]:
 
 @pytest.mark.parametrize("kind", ["single", "none", "unknown", "unknown+one", "pair", "task"])
 def test_the_page_and_the_json_of_every_kind(kind: str, tmp_path: Path) -> None:
-    found = report(Check(kind, 24, "s", 2, 10.0, tmp_path), label_seal.Seal("ab" * 32, 24), _many(kind))
-    content = json.loads(written(found), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    found = make_report(Check(kind, 24, "s", 2, 10.0, tmp_path), label_seal.Seal("ab" * 32, 24), _many(kind))
+    content = json.loads(render_report(found), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     assert content["kind"] == kind and len(content["rows"]) == 24 and content["seal"] == "ab" * 32
     assert {bar["figure"] for bar in content["bars"]} <= set(content["summary"])
-    blind_page.write(tmp_path / "blind.html", found)
+    blind_page.write_page(tmp_path / "blind.html", found)
     text = (tmp_path / "blind.html").read_text()
     assert "abab" in text and "<b>no</b>" not in text and text.count("<figure") >= 3
 
 
 def test_what_a_kill_left_of_the_seal_is_no_other_check(tmp_path: Path) -> None:
     (tmp_path / ".seal.part-0123456789abcdef.json").write_text('{"seal": "ab')
-    _claim(Check("single", 1, "s", 1, 10.0, tmp_path), label_seal.Seal("ab" * 32, 1))
+    _claim_folder(Check("single", 1, "s", 1, 10.0, tmp_path), label_seal.Seal("ab" * 32, 1))
     assert [path.name for path in tmp_path.iterdir()] == ["seal.json"]
 
 
 def test_names_that_are_html_are_text(tmp_path: Path) -> None:
     rows = [replace(row, name=f"{row.name} {NAME}", failed=row.failed and NAME) for row in _many("single")]
-    blind_page.write(
-        tmp_path / "x.html", report(Check("single", 24, NAME, 2, 10.0, Path(NAME)), label_seal.Seal(NAME, 24), rows)
+    blind_page.write_page(
+        tmp_path / "x.html",
+        make_report(Check("single", 24, NAME, 2, 10.0, Path(NAME)), label_seal.Seal(NAME, 24), rows),
     )
     check_escaped((tmp_path / "x.html").read_text(), 2)
 
@@ -455,42 +486,44 @@ def test_checks_of_one_kind_are_counted_together(kind: str, tmp_path: Path) -> N
 
     def check(some: list[Row], seed: str, kind: str = kind) -> dict[str, Any]:
         asked = Check(kind, len(some), seed, 2, 10.0, tmp_path)
-        return dict(json.loads(written(report(asked, label_seal.Seal("ab" * 32, len(some)), some))))
+        return dict(json.loads(render_report(make_report(asked, label_seal.Seal("ab" * 32, len(some)), some))))
 
     def but_for_time(combined: dict[str, Any]) -> dict[str, Any]:
         return {name: figure for name, figure in combined["summary"].items() if name != "seconds"}
 
     slower = [replace(one, seconds=3.0) for one in rows[10:]]
     whole, parts = check(rows, "s"), [check(rows[:10], "a"), check(slower, "b")]
-    together = rates.combined([*parts, check(_many("task"), "c", "task")])
-    assert rates.combined([whole])[kind]["summary"] == whole["summary"]
+    together = rates.combine_checks([*parts, check(_many("task"), "c", "task")])
+    assert rates.combine_checks([whole])[kind]["summary"] == whole["summary"]
     assert but_for_time(together[kind]) == but_for_time(whole)
     assert together[kind]["summary"]["seconds"]["value"] == 3.0  # of the last check
     assert together[kind]["summary"]["seconds"]["count"] == 14
     assert together[kind]["cases"] == 24 and [one["seed"] for one in together[kind]["checks"]] == ["a", "b"]
-    grown = rates.combined([rates.combined([parts[0]]), parts[1]])
+    grown = rates.combine_checks([rates.combine_checks([parts[0]]), parts[1]])
     assert grown[kind]["summary"] == together[kind]["summary"] and grown[kind]["rows"] == together[kind]["rows"]
     bare = {kind: {key: value for key, value in grown[kind].items() if key not in ("rows", "without_rows")}}
     more = check(_many(kind)[3:], "more")
-    for first in (rates.combined([bare]), bare):  # an earlier file that held no cases
-        of_both = rates.combined([first, more])[kind]
-        exact = summary([*rows, *_many(kind)[3:]])
+    for first in (rates.combine_checks([bare]), bare):  # an earlier file that held no cases
+        of_both = rates.combine_checks([first, more])[kind]
+        exact = summarize_rows([*rows, *_many(kind)[3:]])
         assert of_both["cases"] == 45 and len(of_both["rows"]) == 21
         for name, figure in of_both["summary"].items():
             if name == "seconds":
                 assert figure["value"] == 1.0 and figure["count"] == 21
-            elif name in rates.NOT_COUNTED:
+            elif name in rates.UNPOOLED_FIGURES:
                 assert figure == whole["summary"][name]  # of those that are more
             else:
                 assert figure["count"] == exact[name].count
                 assert [figure[key] for key in ("value", "low", "high")] == pytest.approx(
                     [exact[name].value, exact[name].low, exact[name].high], abs=1e-12
                 )
-    assert set(together) == {kind, "task"} and rates.table(together).count("\n| one effect on a circle task |") >= 3
+    assert (
+        set(together) == {kind, "task"} and rates.render_table(together).count("\n| one effect on a circle task |") >= 3
+    )
     with pytest.raises(ValueError, match="a seed stands twice"):
-        rates.combined([whole, whole])
+        rates.combine_checks([whole, whole])
     with pytest.raises(ValueError, match="the probabilities were calibrated on s;"):
-        rates.combined([whole | {"seed_hash": calibration.read().seeds[0]}])
+        rates.combine_checks([whole | {"seed_hash": calibration.read().seeds[0]}])
 
 
 @pytest.mark.skipif(
@@ -500,8 +533,8 @@ def test_checks_of_one_kind_are_counted_together(kind: str, tmp_path: Path) -> N
 @pytest.mark.parametrize("width", [400, 1000])
 def test_the_page_opens_in_silence(tmp_path: Path, width: int) -> None:
     path = tmp_path / "blind.html"
-    blind_page.write(
-        path, report(Check("single", 24, "s", 2, 10.0, tmp_path), label_seal.Seal("0" * 64, 24), _many("single"))
+    blind_page.write_page(
+        path, make_report(Check("single", 24, "s", 2, 10.0, tmp_path), label_seal.Seal("0" * 64, 24), _many("single"))
     )
     with chromium.browser() as tab:
         tab.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)

@@ -19,8 +19,8 @@ from stub_compiler import stub_compiler
 from gen.__main__ import main
 from gen.builder import build as builds
 from gen.builder import compiler
-from gen.builder.build import build, intact, key, listing, place, seal
-from gen.presets import presets
+from gen.builder.build import build_robot, hash_build, hash_manifest, is_intact, list_builds, locate_build
+from gen.presets import find_presets
 from gen.robot.description import RobotError
 from gen.robot.load_robot import load as read
 
@@ -33,9 +33,9 @@ def stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     folder = tmp_path / "compiler"
     folder.mkdir()
     monkeypatch.setenv("CC", str(stub_compiler(folder)))
-    compiler.find.cache_clear()
+    compiler.find_compiler.cache_clear()
     yield folder
-    compiler.find.cache_clear()
+    compiler.find_compiler.cache_clear()
 
 
 @pytest.fixture
@@ -56,17 +56,17 @@ def snapshot(folder: Path) -> dict[str, tuple[int, int, bytes]]:
 
 def test_unchanged_robot_is_not_built_again(stub: Path, robot: Path, tmp_path: Path) -> None:
     out = tmp_path / "build"
-    folder, made = build(str(robot), "portable", out)
+    folder, made = build_robot(str(robot), "portable", out)
     assert made
     before, commands = snapshot(out), (stub / "commands").read_text()
-    assert build(str(robot), "portable", out) == (folder, False)
+    assert build_robot(str(robot), "portable", out) == (folder, False)
     assert snapshot(out) == before
     assert (stub / "commands").read_text() == commands
 
 
 def test_unchanged_build_starts_no_symbolic_library(stub: Path, robot: Path, tmp_path: Path) -> None:
     out = tmp_path / "build"
-    build(str(robot), "portable", out)
+    build_robot(str(robot), "portable", out)
     code = (
         "import sys; from gen.__main__ import main; code = main(sys.argv[1:])\n"
         "print([name for name in ('casadi', 'sympy', 'hdagen') if name in sys.modules]); sys.exit(code)"
@@ -79,36 +79,36 @@ def test_unchanged_build_starts_no_symbolic_library(stub: Path, robot: Path, tmp
 
 def test_everything_that_decides_the_outcome_is_in_the_name(stub: Path, robot: Path, tmp_path: Path) -> None:
     keys = {
-        "as it is": key(robot.read_bytes(), "portable", ()),
-        "robot": key(robot.read_bytes() + b"#", "portable", ()),
-        "profile": key(robot.read_bytes(), "native", ()),
-        "effects": key(robot.read_bytes(), "portable", ("rotor_coupling",)),
+        "as it is": hash_build(robot.read_bytes(), "portable", ()),
+        "robot": hash_build(robot.read_bytes() + b"#", "portable", ()),
+        "profile": hash_build(robot.read_bytes(), "native", ()),
+        "effects": hash_build(robot.read_bytes(), "portable", ("rotor_coupling",)),
     }
     stub_compiler(stub, version="stub 2.0")
-    compiler.find.cache_clear()
-    keys["compiler"] = key(robot.read_bytes(), "portable", ())
+    compiler.find_compiler.cache_clear()
+    keys["compiler"] = hash_build(robot.read_bytes(), "portable", ())
     assert len(set(keys.values())) == len(keys), keys
     stub_compiler(stub, sleep=0.001)
-    compiler.find.cache_clear()
-    assert key(robot.read_bytes(), "portable", ()) == keys["as it is"]
+    compiler.find_compiler.cache_clear()
+    assert hash_build(robot.read_bytes(), "portable", ()) == keys["as it is"]
 
 
 def test_flags_processor_and_versions_are_in_the_name(stub: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    portable, native = key(b"", "portable", ()), key(b"", "native", ())
+    portable, native = hash_build(b"", "portable", ()), hash_build(b"", "native", ())
     with monkeypatch.context() as m:
         m.setattr(compiler, "cpu_flags", lambda: ("sve",))
-        assert key(b"", "native", ()) != native
-        assert key(b"", "portable", ()) == portable
+        assert hash_build(b"", "native", ()) != native
+        assert hash_build(b"", "portable", ()) == portable
     with monkeypatch.context() as m:
         m.setitem(compiler.PROFILES, "portable", ("-O1",))
-        assert key(b"", "portable", ()) != portable
+        assert hash_build(b"", "portable", ()) != portable
     version = builds.importlib.metadata.version
     for package in ("casadi", "numpy"):
         with monkeypatch.context() as m:
             m.setattr(
                 builds.importlib.metadata, "version", lambda p, changed=package: "0" if p == changed else version(p)
             )
-            assert key(b"", "portable", ()) != portable
+            assert hash_build(b"", "portable", ()) != portable
 
 
 def test_every_source_of_the_generator_is_in_the_name(
@@ -116,9 +116,9 @@ def test_every_source_of_the_generator_is_in_the_name(
 ) -> None:
     copy = tmp_path / "presets" / "gen"  # a folder above that is called presets must not matter
     shutil.copytree(ROOT / "gen", copy, ignore=shutil.ignore_patterns("__pycache__"))
-    before = key(b"", "portable", ())
-    monkeypatch.setattr(builds, "HERE", copy)
-    assert key(b"", "portable", ()) == before
+    before = hash_build(b"", "portable", ())
+    monkeypatch.setattr(builds, "PACKAGE_FOLDER", copy)
+    assert hash_build(b"", "portable", ()) == before
     changed = {before}
     sources = [
         p for p in sorted(copy.rglob("*")) if p.suffix in (".py", ".c", ".h", ".txt") and p.parent.name != "presets"
@@ -129,20 +129,20 @@ def test_every_source_of_the_generator_is_in_the_name(
     for path in sources:
         content = path.read_bytes()
         path.write_bytes(content + b" ")
-        builds._sources.cache_clear()  # which a process never does: it names its builds by the code that it began with
-        changed.add(key(b"", "portable", ()))
+        builds._read_own_files.cache_clear()  # which a process never does: it names its builds by the code that it began with
+        changed.add(hash_build(b"", "portable", ()))
         path.write_bytes(content)
     assert len(changed) == len(sources) + 1
     (copy / "drive.py").rename(copy / "drives.py")
-    builds._sources.cache_clear()
-    assert key(b"", "portable", ()) not in changed
+    builds._read_own_files.cache_clear()
+    assert hash_build(b"", "portable", ()) not in changed
 
 
 def test_order_and_repetition_of_added_effects_do_not_matter(stub: Path, robot: Path, tmp_path: Path) -> None:
-    first = build(str(robot), "portable", tmp_path, ("rotor_coupling", "presliding_friction"))
+    first = build_robot(str(robot), "portable", tmp_path, ("rotor_coupling", "presliding_friction"))
     assert first[1]
     again = ("presliding_friction", "rotor_coupling", "presliding_friction")
-    assert build(str(robot), "portable", tmp_path, again) == (first[0], False)
+    assert build_robot(str(robot), "portable", tmp_path, again) == (first[0], False)
 
 
 # -- names ------------------------------------------------------------------------------------------------------------
@@ -152,7 +152,7 @@ def test_order_and_repetition_of_added_effects_do_not_matter(stub: Path, robot: 
 def test_a_label_reaches_paths_and_c_as_its_slug_only(stub: Path, tmp_path: Path, label: str) -> None:
     robot = tmp_path / "robot.toml"
     robot.write_text(arm("R", name=label, rigid="r", drive="friction_smoothing = 1.0"))
-    folder, _ = build(str(robot), "portable", tmp_path / "build")
+    folder, _ = build_robot(str(robot), "portable", tmp_path / "build")
     assert re.fullmatch(r"[a-z][a-z0-9_]{0,47}-[0-9a-f]{16}", folder.name)
     assert folder.name.startswith(f"{read(str(robot)).slug}-")
     for path in folder.glob("*.[ch]"):
@@ -210,10 +210,10 @@ def test_deeply_nested_and_marked_files_are_read_alike(stub: Path, tmp_path: Pat
     nested = tmp_path / "nested.toml"
     nested.write_text("x = " + "[" * 5000 + "]" * 5000)
     with pytest.raises(RobotError, match="too deeply nested"):
-        build(str(nested), "portable", tmp_path)
+        build_robot(str(nested), "portable", tmp_path)
     marked = tmp_path / "marked.toml"
     marked.write_text("\N{BYTE ORDER MARK}" + SMALL, encoding="utf-8")
-    assert build(str(marked), "portable", tmp_path)[0].name.startswith("test_arm-")
+    assert build_robot(str(marked), "portable", tmp_path)[0].name.startswith("test_arm-")
 
 
 def test_unknown_effects_are_named(stub: Path, robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -233,7 +233,7 @@ def _edit(folder: Path, change: Callable[[dict], object], sealed: bool = False) 
     manifest = json.loads(path.read_text())
     change(manifest)
     if sealed:
-        manifest["seal"] = seal(manifest)
+        manifest["seal"] = hash_manifest(manifest)
     path.write_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n")
 
 
@@ -273,36 +273,36 @@ def test_damaged_forged_and_stale_builds_are_made_again(
 ) -> None:
     (tmp_path / "robot.toml").write_text(SMALL)
     out = tmp_path / "build"
-    folder, _ = build(str(tmp_path / "robot.toml"), "portable", out)
+    folder, _ = build_robot(str(tmp_path / "robot.toml"), "portable", out)
     name = folder.name.rpartition("-")[2]
     whole = {file: content for file, (_, _, content) in snapshot(folder).items()}
-    assert intact(folder, name)
+    assert is_intact(folder, name)
     damage(folder)
-    assert not intact(folder, name)
-    assert build(str(tmp_path / "robot.toml"), "portable", out) == (folder, True)
-    assert intact(folder, name)
+    assert not is_intact(folder, name)
+    assert build_robot(str(tmp_path / "robot.toml"), "portable", out) == (folder, True)
+    assert is_intact(folder, name)
     assert {file: content for file, (_, _, content) in snapshot(folder).items()} == whole
     assert sorted(p.name for p in out.iterdir()) == [".lock", ".objects", folder.name]
 
 
 def test_a_build_renamed_to_another_hash_is_not_taken_for_it(stub: Path, robot: Path, tmp_path: Path) -> None:
-    folder, _ = build(str(robot), "portable", tmp_path)
+    folder, _ = build_robot(str(robot), "portable", tmp_path)
     robot.write_text(SMALL + "#")
-    stale, name, _ = place(str(robot), "portable", tmp_path)
+    stale, name, _ = locate_build(str(robot), "portable", tmp_path)
     shutil.copytree(folder, stale)
-    assert not intact(stale, name)
-    assert build(str(robot), "portable", tmp_path) == (stale, True)
+    assert not is_intact(stale, name)
+    assert build_robot(str(robot), "portable", tmp_path) == (stale, True)
 
 
 def test_a_loaded_library_outlives_damage_and_a_new_build(robot: Path, tmp_path: Path) -> None:
     out = tmp_path / "build"
-    folder, _ = build(str(robot), "portable", out)
+    folder, _ = build_robot(str(robot), "portable", out)
     loaded = load(folder)
     c = loaded.prepare()
     before = loaded("mass_matrix", [0.3], c)[0]
     inode = next(folder.glob("*.so")).stat().st_ino
     _append(folder, "hda_step.c")
-    assert build(str(robot), "portable", out) == (folder, True)
+    assert build_robot(str(robot), "portable", out) == (folder, True)
     assert next(folder.glob("*.so")).stat().st_ino != inode, "the loaded file was written to"
     assert (loaded("mass_matrix", [0.3], c)[0] == before).all()
     assert (load(folder)("mass_matrix", [0.3], c)[0] == before).all()
@@ -315,12 +315,12 @@ def test_list_says_what_is_built(stub: Path, robot: Path, tmp_path: Path, capsys
     out = tmp_path / "build"
     assert main(["list", "--out", str(out)]) == 0
     assert capsys.readouterr().out == f"nothing is built in {out}; `python -m gen build` builds the preset `paper`.\n"
-    folder, _ = build(str(robot), "portable", out)
-    native, _ = build(str(robot), "native", out)
+    folder, _ = build_robot(str(robot), "portable", out)
+    native, _ = build_robot(str(robot), "native", out)
     (native / "hda.h").write_text("")
     (out / "other").mkdir()
     (out / "note.txt").write_text("")
-    found = {name: (what, whole) for name, what, whole in listing(out)}
+    found = {name: (what, whole) for name, what, whole in list_builds(out)}
     assert found == {
         folder.name: ("test arm: 1 joint, 2 states, portable", True),
         native.name: ("not a complete build", False),
@@ -336,7 +336,7 @@ def test_list_says_what_is_built(stub: Path, robot: Path, tmp_path: Path, capsys
 
 
 def test_presets_build_under_their_own_names(stub: Path, tmp_path: Path) -> None:
-    for name, path in presets().items():
-        folder, _, content = place(name, "portable", tmp_path)
+    for name, path in find_presets().items():
+        folder, _, content = locate_build(name, "portable", tmp_path)
         assert content == path.read_bytes()
         assert folder.name.startswith(f"{read(name).slug}-")

@@ -21,7 +21,7 @@ from arms import SMALL
 from stub_compiler import stub_compiler
 
 from gen.builder import compiler
-from gen.builder.build import OBJECTS, intact
+from gen.builder.build import OBJECT_FOLDER, is_intact
 
 ROOT = Path(__file__).parents[2]
 GEN = [sys.executable, "-m", "gen"]
@@ -62,7 +62,7 @@ def run(*arguments: object, preexec: object = None, **changes: str) -> subproces
 
 def names(out: Path) -> list[str]:
     """What lies in the folder of builds, but for the objects that builds share."""
-    return sorted(path.name for path in out.iterdir() if path.name != OBJECTS)
+    return sorted(path.name for path in out.iterdir() if path.name != OBJECT_FOLDER)
 
 
 # -- others at the same time ------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@ def test_builds_at_once_make_one(robot: Path, tmp_path: Path) -> None:
         "built (portable)",
         *["unchanged (portable)"] * 2,
     ]
-    assert intact(Path(folder), folder.rpartition("-")[2])
+    assert is_intact(Path(folder), folder.rpartition("-")[2])
     commands = (tmp_path / "commands").read_text().splitlines()
     sources = len(list(Path(folder).glob("hda_*.c")))  # each is preprocessed and compiled, then all are linked
     assert len(commands) == len(set(commands)) == 2 * sources + 1, "compiled more than once"
@@ -144,18 +144,18 @@ def test_an_interrupt_is_not_raised_amid_the_work_but_after_it(tmp_path: Path, m
         raise compiler.CompileError("ended before it was done")
 
     monkeypatch.setattr(compiler, "Event", lambda: over)
-    monkeypatch.setattr(compiler, "_object", interrupted)
+    monkeypatch.setattr(compiler, "_compile_object", interrupted)
     heard = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
-        compiler.library(tmp_path, ["a.c"], "portable", "a.so", tmp_path)
+        compiler.compile_library(tmp_path, ["a.c"], "portable", "a.so", tmp_path)
     assert reached == [True]
     assert signal.getsignal(signal.SIGINT) is heard
 
 
 def test_a_compiler_without_an_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     endless = stub_compiler(tmp_path, sleep=600)
-    monkeypatch.setattr(compiler, "find", lambda: compiler.Compiler((str(endless),), "stub"))
-    monkeypatch.setattr(compiler, "PATIENCE", 0.2)
+    monkeypatch.setattr(compiler, "find_compiler", lambda: compiler.Compiler((str(endless),), "stub"))
+    monkeypatch.setattr(compiler, "COMPILER_TIMEOUT", 0.2)
     with pytest.raises(compiler.CompileError, match=r"did not finish within 0.2 s: \S*stubcc -O2"):
         compiler.plain_library(tmp_path, ["a.c"], "a.so")
 
@@ -201,7 +201,7 @@ def test_a_limit_on_files_is_said_and_an_older_build_stays(robot: Path, tmp_path
     assert done.returncode == 2
     assert "the build could not be written (File too large); nothing was changed." in done.stderr
     assert names(out) == [".lock", folder.name]
-    assert intact(folder, folder.name.rpartition("-")[2])
+    assert is_intact(folder, folder.name.rpartition("-")[2])
 
 
 def test_a_read_only_folder_is_said(robot: Path, tmp_path: Path, mount: Callable[[str], Path]) -> None:

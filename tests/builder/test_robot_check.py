@@ -16,24 +16,24 @@ from stub_compiler import stub_compiler
 
 from gen.__main__ import main
 from gen.builder import build as builds
-from gen.builder.robot_check import report
-from gen.builder.step_stability import ACCURATE, STABLE, Examination, examine
+from gen.builder.robot_check import report_robot
+from gen.builder.step_stability import LARGEST_ACCURATE_MODE, LARGEST_STABLE_MODE, StepExamination, examine_step
 from gen.effects import ALL, NOMINAL
 from gen.model.arm_model import Model
-from gen.model.right_hand_side import assemble
-from gen.presets import presets
-from gen.robot.description import Robot, RobotError, canonical
+from gen.model.right_hand_side import assemble_graphs
+from gen.presets import find_presets
+from gen.robot.description import Robot, RobotError, describe_robot
 from gen.robot.load_robot import load
 from gen.robot.mass_matrix import mass_matrix
-from gen.robot.schema import keys
+from gen.robot.schema import keys_of
 
 
-def examined(tmp_path: Path, text: str, extra: tuple[str, ...] = ()) -> tuple[Robot, Examination]:
+def examined(tmp_path: Path, text: str, extra: tuple[str, ...] = ()) -> tuple[Robot, StepExamination]:
     path = tmp_path / "robot.toml"
     path.write_text(text)
     robot = load(str(path))
     effects = tuple(e for e in ALL if e in NOMINAL or e.name in extra)
-    return robot, examine(assemble(Model(robot, effects)))
+    return robot, examine_step(assemble_graphs(Model(robot, effects)))
 
 
 def values(robot: Robot, name: str) -> np.ndarray:
@@ -93,7 +93,7 @@ def test_the_mode_beyond_which_a_step_diverges_is_the_one_refused(
     text = text.replace("0.03\n", "0.0\n").replace("viscous_friction = 0.0001", "viscous_friction = 0.0")
     _, found = examined(tmp_path, text)
     made = build(text)
-    for size, grows in ((0.95 * STABLE, False), (1.05 * STABLE, True)):
+    for size, grows in ((0.95 * LARGEST_STABLE_MODE, False), (1.05 * LARGEST_STABLE_MODE, True)):
         x = made.x(joint_velocity_1=1e-6)
         h = np.array([size / found.unloaded.rate])
         for _ in range(400):
@@ -180,7 +180,7 @@ def test_torque_limits_decide_where_they_are_stated(tmp_path: Path) -> None:
     assert found.refusals("") == []
     unstable = dict(found.unstable_from)
     assert set(unstable) == {1, 2}
-    assert any(line.startswith("unstable from joint torques") for line in found.lines())
+    assert any(line.startswith("unstable from joint torques") for line in found.describe_step())
     (sentence,) = examined(tmp_path, limited)[1].refusals("")
     assert "at the torque limits" in sentence
     for share, refused in ((0.98, False), (1.02, True)):
@@ -199,23 +199,23 @@ def test_a_stiff_memory_brings_the_step_that_carries_narrow_friction(tmp_path: P
 def test_remark_on_accuracy(tmp_path: Path) -> None:
     for step, remarked in ((5e-4, False), (4e-3, True)):
         _, found = examined(tmp_path, arm("R", step=step, drive="friction_smoothing = 20.0"))
-        assert (ACCURATE < step * found.unloaded.rate < STABLE) == remarked
-        assert any("mind the accuracy" in line for line in found.lines()) == remarked
+        assert (LARGEST_ACCURATE_MODE < step * found.unloaded.rate < LARGEST_STABLE_MODE) == remarked
+        assert any("mind the accuracy" in line for line in found.describe_step()) == remarked
 
 
 def test_springs_that_cannot_be_inverted_are_said(tmp_path: Path) -> None:
     sharp = arm("R").replace("0.0831", "90.0").replace(SPRINGS.splitlines()[0], "law_torque = 1e6")
     (tmp_path / "robot.toml").write_text(sharp)
     with pytest.raises(RobotError, match=r"robot\.toml, joint: the spring law cannot be inverted .* lower law_torque"):
-        report(str(tmp_path / "robot.toml"))
+        report_robot(str(tmp_path / "robot.toml"))
 
 
 # -- the report -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", presets())
+@pytest.mark.parametrize("name", find_presets())
 def test_every_preset_is_carried_by_its_step(name: str, tmp_path: Path) -> None:
-    lines, fits = report(name, out=tmp_path)
+    lines, fits = report_robot(name, out=tmp_path)
     assert fits, lines
     assert lines[-1].endswith("(portable) would be made")
     robot = load(name)
@@ -231,7 +231,7 @@ def test_report_says_what_a_build_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("CC", str(stub_compiler(tmp_path)))
-    builds.compiler.find.cache_clear()
+    builds.compiler.find_compiler.cache_clear()
     try:
         (tmp_path / "robot.toml").write_text(arm("R", rigid="r", drive="friction_smoothing = 1.0"))
         out = ["--out", str(tmp_path / "build"), "--effects", "presliding_friction", "--profile", "native"]
@@ -253,23 +253,23 @@ def test_report_says_what_a_build_is(
         for effect in manifest["effects"]:
             assert any(effect["name"] in line and effect["citation"] in line for line in after)
     finally:
-        builds.compiler.find.cache_clear()
+        builds.compiler.find_compiler.cache_clear()
 
 
 def test_check_without_a_compiler_still_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "/nowhere/cc")
-    builds.compiler.find.cache_clear()
+    builds.compiler.find_compiler.cache_clear()
     try:
-        lines, fits = report("emps", out=tmp_path)
+        lines, fits = report_robot("emps", out=tmp_path)
         assert fits
         assert lines[-1].startswith("cannot be built here: $CC: found /nowhere/cc")
     finally:
-        builds.compiler.find.cache_clear()
+        builds.compiler.find_compiler.cache_clear()
 
 
 def test_check_of_many_joints_with_every_effect(tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_text(CHAINS["6R"])
-    lines, fits = report(str(tmp_path / "robot.toml"), ALL_EFFECTS, out=tmp_path)
+    lines, fits = report_robot(str(tmp_path / "robot.toml"), ALL_EFFECTS, out=tmp_path)
     assert fits, lines
     assert any("kinematic_error (transmission, joint 1, 2, 3)" in line for line in lines)
 
@@ -302,12 +302,12 @@ def test_a_spring_that_is_only_looked_for_is_carried_by_the_step_that_carries_th
     joint = WRIST[WRIST.index("[[joint]]") :].format(rotor)
     path.write_text(WRIST.format(rotor) + (joints - 1) * joint)
     robot = load(str(path))
-    assert builds.assembled(str(path), robot, ())[2].refusals("robot") == []
-    made, _, looked = builds.assembled(str(path), robot, ("missing_compliance",))
+    assert builds.assemble_library(str(path), robot, ())[2].refusals("robot") == []
+    made, _, looked = builds.assemble_library(str(path), robot, ("missing_compliance",))
     assert looked.refusals("robot") == []
     model = made.graphs.model
     assert model.flexible == (tuple(range(1, joints + 1)) if turns else ())
-    assert canonical(model.robot)["effects"] == []  # the file states none
+    assert describe_robot(model.robot)["effects"] == []  # the file states none
     for q in (q for q in model.quantities if q.effect == "missing_compliance"):
         assert q.low <= q.nominal <= q.high, q.name
 
@@ -316,8 +316,8 @@ def test_a_fit_may_find_no_number_that_a_robot_file_may_not_state(tmp_path: Path
     """The nearest to linear that springs can be stated is the least that they can be found."""
     path = tmp_path / "robot.toml"
     path.write_text(arm("RR").replace("stiffening = 0.0831", "stiffening = 1e-6").replace("= 27.027", "= 1e-3"))
-    ranges = {name: key.range for table in ("", "joint", "joint.drive") for name, key in keys(table).items()}
-    for source in (str(path), *presets()):
+    ranges = {name: key.range for table in ("", "joint", "joint.drive") for name, key in keys_of(table).items()}
+    for source in (str(path), *find_presets()):
         for q in Model(load(source), NOMINAL).quantities:
             name = q.name.rpartition("_")[0]
             if q.role == "base" and name in ranges and not (name == "inertia" and q.nominal < 0.0):  # lumped

@@ -25,12 +25,12 @@ from hypothesis import strategies as st
 from stub_compiler import stub_compiler
 
 from gen.c_code.emitter import (
-    BINARY,
-    CALLS,
-    COMPARE,
-    PAIRS,
+    BINARY_OPERATORS,
+    C_FUNCTIONS,
+    COMPARISONS,
+    TWO_ARGUMENT_FUNCTIONS,
     EmitError,
-    number,
+    format_double,
     scalar_function,
     scalar_operation,
     vector_operation,
@@ -202,14 +202,14 @@ def test_our_printing_equals_casadis_own(build: Builder, name: str, tmp_path: Pa
                 assert (bits(a) == bits(b)).all(), f["name"]
 
 
-UNARY = [op for op in CALLS if op not in PAIRS]
+UNARY = [op for op in C_FUNCTIONS if op not in TWO_ARGUMENT_FUNCTIONS]
 SPECIAL = (0.0, -0.0, 1.0, -1.0, 0.5, -2.5, 3.0, 1e-310, 1e308, -1e308, math.inf, -math.inf, math.nan, 1e22, 7.0)
 
 
 def _every_operation() -> tuple[ca.Function, list[int]]:
     """All that can be printed, applied to x and y, and in which order."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    pairs = [*BINARY, *COMPARE, *PAIRS, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO]
+    pairs = [*BINARY_OPERATORS, *COMPARISONS, *TWO_ARGUMENT_FUNCTIONS, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO]
     alone = [*UNARY, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV, ca.OP_NOT, ca.OP_SIGN]
     results = [ca.SX.binary(op, x, y) for op in pairs] + [ca.SX.unary(op, x) for op in alone]
     return ca.Function("every", [x, y], [ca.vertcat(*results)], ["x", "y"], ["out"]), [*pairs, *alone]
@@ -218,7 +218,7 @@ def _every_operation() -> tuple[ca.Function, list[int]]:
 def test_every_operation_has_the_interpreters_meaning_at_special_numbers(tmp_path: Path) -> None:
     f, order = _every_operation()
     used = {f.instruction_id(k) for k in range(f.n_instructions())}
-    assert used >= {*BINARY, *COMPARE, *CALLS} - {ca.OP_CONSTPOW}
+    assert used >= {*BINARY_OPERATORS, *COMPARISONS, *C_FUNCTIONS} - {ca.OP_CONSTPOW}
     library = compiled_with(tmp_path, "#include <math.h>\n" + scalar_function(f, "every").replace("void", "void", 1))
     pairs = np.array(list(itertools.product(SPECIAL, SPECIAL)))
     expected = Interpreted(f, len(pairs))(pairs[:, :1], pairs[:, 1:])[0]
@@ -290,7 +290,7 @@ def test_an_unknown_operation_is_refused(operation: Callable[..., str]) -> None:
 
 @given(st.floats(allow_nan=True, allow_infinity=True))
 def test_numbers_read_back_to_the_same_bits(value: float) -> None:
-    text = number(value)
+    text = format_double(value)
     if math.isnan(value):
         assert text == "NAN"
     elif math.isinf(value):
@@ -305,7 +305,7 @@ def test_numbers_read_back_to_the_same_bits_in_c(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     values = rng.integers(-(2**63), 2**63, 3000).view(np.float64)
     values = np.concatenate([values[np.isfinite(values)], [0.0, -0.0, 5e-324, 1.7976931348623157e308, 0.1, 1e22, 1e16]])
-    text = "const double numbers[] = {" + ", ".join(map(number, values)) + "};\n"
+    text = "const double numbers[] = {" + ", ".join(map(format_double, values)) + "};\n"
     library = compiled_with(tmp_path, text, ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror"))
     read = np.ctypeslib.as_array((ctypes.c_double * len(values)).in_dll(library, "numbers"))
     assert (read.view(np.int64) == values.view(np.int64)).all()

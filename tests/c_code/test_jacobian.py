@@ -13,8 +13,8 @@ from compiled import EXACT, Compiled, Floats
 
 from gen.effects import NOMINAL
 from gen.model.arm_model import Model
-from gen.model.right_hand_side import assemble
-from gen.presets import presets
+from gen.model.right_hand_side import assemble_graphs
+from gen.presets import find_presets
 from gen.robot.load_robot import load
 
 Builder = Callable[..., Compiled]
@@ -30,7 +30,7 @@ ON = {
     "payload_mass": 0.5,
     "bias": 0.01,
 }
-STIFF = presets()["paper"].read_text() + "".join(
+STIFF = find_presets()["paper"].read_text() + "".join(
     robots.effect("presliding_friction", j, presliding_share=0.6, presliding_angle=0.05) for j in (1, 2)
 )
 ARMS = {
@@ -181,7 +181,7 @@ def test_derivatives_of_the_step_are_casadis(build: Builder, kind: str, tmp_path
     arm, p = arm_of(build, kind)
     path = tmp_path / "robot.toml"
     path.write_text(ARMS[kind][0])
-    graphs = assemble(Model(load("paper" if kind == "flexible" else str(path)), NOMINAL))
+    graphs = assemble_graphs(Model(load("paper" if kind == "flexible" else str(path)), NOMINAL))
     f = {emitted.name: emitted.graph for emitted in graphs.functions}
     x, u, q = (ca.MX.sym(name, size) for name, size in zip("xup", arm.sizes("step_jacobian")[0], strict=False))
     c, h = f["prepare"](q), 5e-4

@@ -10,7 +10,7 @@ import robots
 from compiled import BATCH, BATCH_OWN, EXACT, Compiled, Floats
 from scipy.integrate import solve_ivp
 
-from gen.presets import presets
+from gen.presets import find_presets
 
 Builder = Callable[..., Compiled]
 MEMORY = ("kinematic_error", "presliding_friction", "rotor_coupling", "transmission_hysteresis")
@@ -19,7 +19,7 @@ HELD = 5e-4  # s: the current is sampled at 2 kHz and held
 
 def bristles(angle: float = 0.02) -> str:
     """Table I with all dry friction in bristles that yield over ``angle`` rad of the motor."""
-    text = presets()["paper_table1"].read_text().replace('Table I"', 'Table I, bristles"')
+    text = find_presets()["paper_table1"].read_text().replace('Table I"', 'Table I, bristles"')
     own = {"presliding_share": 1.0, "presliding_angle": angle}
     return text + "".join(robots.effect("presliding_friction", j, **own) for j in (1, 2))
 

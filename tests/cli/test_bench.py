@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from gen.builder import function_timing
-from gen.builder.build import assembled
-from gen.builder.build import build as make
+from gen.builder.build import assemble_library
+from gen.builder.build import build_robot as make
 from gen.robot.load_robot import load as describe
 from hdagen.__main__ import main
 from hdagen.arm.build_loader import PlantError
@@ -44,12 +44,12 @@ def test_every_bar_says_what_it_asks() -> None:
 
 
 def test_bars_are_judged_both_ways() -> None:
-    assert all(bar.met for bar in benchmark._judged(figures(1.01), 8))
-    assert not any(bar.met for bar in benchmark._judged(figures(0.99), 8))
+    assert all(bar.met for bar in benchmark._judge_requirements(figures(1.01), 8))
+    assert not any(bar.met for bar in benchmark._judge_requirements(figures(0.99), 8))
 
 
 def test_the_bar_of_wide_vectors_is_not_judged_on_narrow_ones() -> None:
-    narrow = {bar.name: bar.met for bar in benchmark._judged(figures(0.5), 4)}
+    narrow = {bar.name: bar.met for bar in benchmark._judge_requirements(figures(0.5), 4)}
     assert narrow.pop("batch_against_native_step") is None
     assert not any(narrow.values())
 
@@ -58,26 +58,26 @@ def test_a_bar_without_a_figure_is_not_passed_over() -> None:
     numbers = figures(2.0)
     del numbers["library_size"]
     with pytest.raises(KeyError, match="library_size"):
-        benchmark._judged(numbers, 8)
+        benchmark._judge_requirements(numbers, 8)
 
 
 @pytest.mark.parametrize(("share", "code"), [(1.1, 0), (0.9, 1)])
 def test_a_missed_bar_is_exit_code_1(
     share: float, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def measured(rounds: int, stage: Callable[[str], None], robot: str) -> benchmark.Bench:
+    def measured(rounds: int, stage: Callable[[str], None], robot: str) -> benchmark.BenchResult:
         stage(f"{rounds} rounds")
-        one = benchmark._timing("rollout", [3.0, 1.0, 2.0])
-        contest = {who: {"row": [3.0, 1.0, 2.0], "single": [1.0, 2.0, 3.0, 4.0]} for who in benchmark.WHO}
-        two = benchmark._raced_timing("rhs", contest)
-        return benchmark.Bench((one, two), benchmark._judged(figures(share), 8), {"processor": "one"})
+        one = benchmark._summarize_loop("rollout", [3.0, 1.0, 2.0])
+        contest = {who: {"row": [3.0, 1.0, 2.0], "single": [1.0, 2.0, 3.0, 4.0]} for who in benchmark.CONTESTANTS}
+        two = benchmark._summarize_contest("rhs", contest)
+        return benchmark.BenchResult((one, two), benchmark._judge_requirements(figures(share), 8), {"processor": "one"})
 
-    monkeypatch.setattr(benchmark, "bench", measured)
+    monkeypatch.setattr(benchmark, "run_bench", measured)
     assert bench_command.run(argparse.Namespace(quick=True, json=True, mpc=False, robot="paper")) == code
     said = json.loads(capsys.readouterr().out)
     assert {bar["name"] for bar in said["bars"]} == set(BARS)
     assert [t["row"] for t in said["timings"]] == [2.0, 2.0]
-    assert said["timings"][1]["against"] == dict.fromkeys(benchmark.WHO, 2.0)
+    assert said["timings"][1]["against"] == dict.fromkeys(benchmark.CONTESTANTS, 2.0)
     assert bench_command.run(argparse.Namespace(quick=True, json=False, mpc=False, robot="paper")) == code
     printed = capsys.readouterr().out
     assert ("missed" in printed) == bool(code)
@@ -87,17 +87,17 @@ def test_a_missed_bar_is_exit_code_1(
 def test_of_another_robot_there_are_times_and_no_bars(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    contest = {who: {"row": [3.0], "single": [1.0, 2.0, 3.0, 4.0]} for who in benchmark.WHO}
+    contest = {who: {"row": [3.0], "single": [1.0, 2.0, 3.0, 4.0]} for who in benchmark.CONTESTANTS}
     asked = []
     monkeypatch.setattr(
-        benchmark, "_raced", lambda robot, rounds: asked.append(robot) or {"rhs": contest, "step": contest}
+        benchmark, "_race_functions", lambda robot, rounds: asked.append(robot) or {"rhs": contest, "step": contest}
     )
     monkeypatch.setenv("HDAGEN_BUILD", str(tmp_path))
-    monkeypatch.setattr(benchmark, "STEPS", 50)
-    found = benchmark.bench(1, lambda words: None, "emps")
+    monkeypatch.setattr(benchmark, "ROLLOUT_STEPS", 50)
+    found = benchmark.run_bench(1, lambda words: None, "emps")
     assert asked == ["emps"] and found.bars == ()
     assert {"rhs", "arm.rollout"} <= {t.name for t in found.timings}
-    monkeypatch.setattr(benchmark, "bench", lambda rounds, stage, robot: found)
+    monkeypatch.setattr(benchmark, "run_bench", lambda rounds, stage, robot: found)
     assert main(["bench", "emps", "--quick"]) == 0
     assert "bars are of paper alone" in capsys.readouterr().out
     assert main(["bench", "emps", "--mpc"]) == 2
@@ -105,25 +105,25 @@ def test_of_another_robot_there_are_times_and_no_bars(
 
 def test_a_noisy_run_is_called_so() -> None:
     ratios = figures(1.5)
-    steady = benchmark.Bench((), benchmark._judged(ratios, 8), {})
+    steady = benchmark.BenchResult((), benchmark._judge_requirements(ratios, 8), {})
     ratios["native_rhs_against_casadi_c"] = np.array([2.0, 3.0, 4.0, 5.0, 6.0])
-    assert not steady.noisy
-    assert benchmark.Bench((), benchmark._judged(ratios, 8), {}).noisy
+    assert not steady.is_noisy
+    assert benchmark.BenchResult((), benchmark._judge_requirements(ratios, 8), {}).is_noisy
 
 
 def test_a_child_that_fails_says_why() -> None:
     with pytest.raises(PlantError, match="no_such_robot"):
-        benchmark._gen("build", "--", "no_such_robot.toml")
+        benchmark._run_gen("build", "--", "no_such_robot.toml")
 
 
 # -- contestants ------------------------------------------------------------------------------------------------------
 
 
 def test_contestants_take_turns_at_every_function(tmp_path: Path) -> None:
-    found = function_timing.measure("emps", tmp_path, rounds=3)
+    found = function_timing.measure_times("emps", tmp_path, rounds=3)
     assert {"prepare", "rhs", "step", "rhs_jacobian", "outputs", "impedance_joint_tick"} <= set(found)
     for contest in found.values():
-        assert set(contest) == set(benchmark.WHO)
+        assert set(contest) == set(benchmark.CONTESTANTS)
         for times in contest.values():
             assert len(times["row"]) == 3
             assert min(times["row"]) > 0
@@ -132,24 +132,26 @@ def test_contestants_take_turns_at_every_function(tmp_path: Path) -> None:
 
 def test_contestants_compute_the_same(tmp_path: Path) -> None:
     """Portable and CasADi's C to the bit of the interpreter's outputs, native within its bound."""
-    made, _, _ = assembled("emps", describe("emps"), ())
-    graphs = {f.name: f.graph for f in made.functions} | {"step": function_timing.step_graph(made)}
+    made, _, _ = assemble_library("emps", describe("emps"), ())
+    graphs = {f.name: f.graph for f in made.functions} | {"step": function_timing.make_step_graph(made)}
     builds = {profile: make("emps", profile, tmp_path)[0] for profile in ("native", "portable")}
     p = np.array([[q.nominal for q in made.graphs.model.quantities]])
     c = np.array(graphs["prepare"](p.ravel())).T
     known = {
-        **function_timing.states(made.graphs.model, function_timing.CALLS),
+        **function_timing.sample_states(made.graphs.model, function_timing.CALLS_PER_ROW),
         "p": p,
         "c": c,
         "h": np.array([[1e-3]]),
     }
-    with function_timing.field(graphs, builds) as contest:
+    with function_timing.open_rig(graphs, builds) as contest:
         for name, graph in graphs.items():
-            inputs = function_timing.inputs_of(name, graph, made, known)
+            inputs = function_timing.sample_inputs(name, graph, made, known)
             results = {}
-            for who in function_timing.WHO:
-                outputs = [np.full((function_timing.CALLS, graph.numel_out(k)), 7.0) for k in range(graph.n_out())]
-                contest.sampler(who, name, graph, inputs, outputs)(function_timing.CALLS, 1)
+            for who in function_timing.CONTESTANTS:
+                outputs = [
+                    np.full((function_timing.CALLS_PER_ROW, graph.numel_out(k)), 7.0) for k in range(graph.n_out())
+                ]
+                contest.make_sampler(who, name, graph, inputs, outputs)(function_timing.CALLS_PER_ROW, 1)
                 results[who] = outputs
             for theirs, c_text, portable, native in zip(
                 *(results[who] for who in ("interpreter", "casadi_c", "portable", "native")), strict=True
@@ -164,10 +166,10 @@ def test_contestants_compute_the_same(tmp_path: Path) -> None:
 
 
 def test_the_timed_step_is_the_compiled_step(tmp_path: Path) -> None:
-    made, _, _ = assembled("emps", describe("emps"), ())
+    made, _, _ = assemble_library("emps", describe("emps"), ())
     arm = load("emps", out=tmp_path)
-    given = function_timing.states(made.graphs.model, 50)
-    theirs = np.array(function_timing.step_graph(made)(given["x"].T, given["u"].T, arm.c, arm.step_size)).T
+    given = function_timing.sample_states(made.graphs.model, 50)
+    theirs = np.array(function_timing.make_step_graph(made)(given["x"].T, given["u"].T, arm.c, arm.step_size)).T
     ours = np.array([arm.step(x, u) for x, u in zip(given["x"], given["u"], strict=True)])
     assert np.array_equal(ours, theirs)
 
@@ -176,7 +178,7 @@ def test_the_timed_step_is_the_compiled_step(tmp_path: Path) -> None:
 
 
 def test_loops_fill_every_bar_that_rests_on_them(tmp_path: Path) -> None:
-    times, bars = benchmark._loops(load("emps", out=tmp_path), rounds=2)
+    times, bars = benchmark._time_loops(load("emps", out=tmp_path), rounds=2)
     assert set(bars) == {"batch_against_native_step", "python_call_over_empty_call", "rollout_against_its_loop"}
     assert all(len(values) == 2 for values in (*times.values(), *bars.values()))
     assert all((values > 0).all() for values in times.values())
@@ -184,21 +186,21 @@ def test_loops_fill_every_bar_that_rests_on_them(tmp_path: Path) -> None:
 
 def test_ticks_of_every_controller_run_without_a_fault(tmp_path: Path) -> None:
     arm = load("paper_table1", out=tmp_path)
-    assert len(benchmark._ticks(arm, rounds=1)) == len(arm.manifest["controllers"]) == 5
+    assert len(benchmark._time_ticks(arm, rounds=1)) == len(arm.manifest["controllers"]) == 5
 
 
 def test_bristles_of_the_robot_file_are_integrated_within_the_bar(tmp_path: Path) -> None:
     """They have the L-stable step, of which the bar and what it costs speak."""
-    arm = load(benchmark._bristly(tmp_path / "bristles.toml", 2), out=tmp_path)
+    arm = load(benchmark._write_bristle_robot(tmp_path / "bristles.toml", 2), out=tmp_path)
     assert arm.manifest["stiff"] and "memory_step" not in arm.parameters
     assert [arm.parameters[f"presliding_share_{j}"] for j in (1, 2)] == [1.0, 1.0]
-    assert benchmark._error(arm) <= BARS["error_with_bristles"]["bar"]
+    assert benchmark._measure_link_error(arm) <= BARS["error_with_bristles"]["bar"]
 
 
 @pytest.mark.campaign
 def test_the_whole_bench_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("HDAGEN_BUILD", str(tmp_path))
-    found = benchmark.bench(2, lambda words: None)
+    found = benchmark.run_bench(2, lambda words: None)
     assert {bar.name for bar in found.bars} == set(BARS)
     exact = {bar.name: bar for bar in found.bars if bar.name.startswith("error")}
     assert all(bar.met for bar in exact.values())  # these are no times

@@ -45,11 +45,11 @@ def user(builds: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, st
 
 
 @pytest.fixture(scope="module")
-def shown(user: dict[str, str]) -> demo_runs.Demo:
+def shown(user: dict[str, str]) -> demo_runs.DemoResult:
     with pytest.MonkeyPatch.context() as patch:
         for name, value in user.items():
             patch.setenv(name, value)
-        return demo_runs.show()
+        return demo_runs.run_demo()
 
 
 @pytest.fixture
@@ -70,16 +70,16 @@ def command(*words: str) -> int:
 # -- the tip and the ideal --------------------------------------------------------------------------------------------
 
 
-def test_the_pushed_tip_stays_within_a_tenth_of_the_largest_ideal_displacement(shown: demo_runs.Demo) -> None:
-    assert [one.law for one in shown.followed] == ["impedance_cartesian", "admittance_cartesian"]
-    for one in shown.followed:
+def test_the_pushed_tip_stays_within_a_tenth_of_the_largest_ideal_displacement(shown: demo_runs.DemoResult) -> None:
+    assert [one.law for one in shown.circle_runs] == ["impedance_cartesian", "admittance_cartesian"]
+    for one in shown.circle_runs:
         static = 15.0 / one.gains["stiffness_x"]
         assert static < one.largest_ideal < 1.2 * static  # the push is felt, and overshoots as B and K say
         assert one.gap.max() <= 0.10 * one.largest_ideal
-        assert np.linalg.norm(one.moved, axis=1).max() > 0.9 * one.largest_ideal  # the tip itself gave way
+        assert np.linalg.norm(one.tip_displacement, axis=1).max() > 0.9 * one.largest_ideal  # the tip itself gave way
         assert (one.simulation.status >= 0).all()
-        assert one.holds
-    assert shown.holds
+        assert one.meets_bar
+    assert shown.meets_bar
 
 
 @pytest.mark.parametrize(
@@ -91,57 +91,59 @@ def test_the_pushed_tip_stays_within_a_tenth_of_the_largest_ideal_displacement(s
     ],
 )
 def test_without_friction_compensation_the_bar_is_missed(
-    shown: demo_runs.Demo, law: str, gains: dict[str, float]
+    shown: demo_runs.DemoResult, law: str, gains: dict[str, float]
 ) -> None:
-    followed = demo_runs.follow(shown.arm, law, gains)
+    followed = demo_runs.follow_circle(shown.arm, law, gains)
     assert followed.gap.max() > 0.10 * followed.largest_ideal
-    assert not followed.holds
+    assert not followed.meets_bar
 
 
-def test_friction_and_pushes_are_on(shown: demo_runs.Demo) -> None:
-    for one in shown.followed:
+def test_friction_and_pushes_are_on(shown: demo_runs.DemoResult) -> None:
+    for one in shown.circle_runs:
         rows = one.reference.time
         felt = one.simulation.push
         assert (felt[(rows >= 3) & (rows < 4)] == (15, 0)).all()
         assert (felt[(rows >= 6) & (rows < 7)] == (0, 15)).all()
         assert np.abs(felt).sum() == 15 * 2000
-    speed = shown.uncompensated.simulation.state[:, [shown.arm.index(f"motor_velocity_{j}") for j in (1, 2)]]
+    speed = shown.uncompensated_run.simulation.state[:, [shown.arm.index(f"motor_velocity_{j}") for j in (1, 2)]]
     assert (speed[1:] == 0).any(axis=0).all()  # set-valued friction sticks exactly, smooth friction never does
 
 
 def test_a_missed_bar_is_said_and_is_exit_code_1(
-    shown: demo_runs.Demo, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    shown: demo_runs.DemoResult, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    missed = demo_runs.Demo(shown.arm, (shown.uncompensated,), shown.uncompensated, shown.estimated, shown.replays)
-    monkeypatch.setattr(demo_runs, "show", lambda *_, **__: missed)
+    missed = demo_runs.DemoResult(
+        shown.arm, (shown.uncompensated_run,), shown.uncompensated_run, shown.torque_estimates, shown.replays
+    )
+    monkeypatch.setattr(demo_runs, "run_demo", lambda *_, **__: missed)
     assert command() == 1
     assert "The bar is missed" in capsys.readouterr().out
     assert "misses the bar" in (here / "hdagen-demo.html").read_text("utf-8")
 
 
-def test_names_that_are_html_are_text(shown: demo_runs.Demo, tmp_path: Path) -> None:
+def test_names_that_are_html_are_text(shown: demo_runs.DemoResult, tmp_path: Path) -> None:
     (replayed,) = shown.replays
     odd = dataclasses.replace(
-        replayed, name=NAME, notes=(NAME,), channels=tuple(dataclasses.replace(c, name=NAME) for c in replayed.channels)
+        replayed, name=NAME, notes=(NAME,), joints=tuple(dataclasses.replace(c, name=NAME) for c in replayed.joints)
     )
-    demo_page.write(tmp_path / "page.html", dataclasses.replace(shown, replays=(odd,)))
+    demo_page.write_demo_page(tmp_path / "page.html", dataclasses.replace(shown, replays=(odd,)))
     check_escaped((tmp_path / "page.html").read_text(encoding="utf-8"), 3)
 
 
 # -- estimate and replay ----------------------------------------------------------------------------------------------
 
 
-def test_the_torque_is_estimated_from_the_log_alone(shown: demo_runs.Demo) -> None:
-    estimated, true = shown.estimated, shown.followed[0].simulation.joint_torque
+def test_the_torque_is_estimated_from_the_log_alone(shown: demo_runs.DemoResult) -> None:
+    estimated, true = shown.torque_estimates, shown.circle_runs[0].simulation.joint_torque
     rms = np.sqrt(np.mean(true**2, axis=0))
-    assert (estimated.rms(estimated.series) < 0.1 * rms).all()
-    assert (estimated.rms(estimated.dynamic) < 0.6 * rms).all()
-    assert (estimated.rms(estimated.series) > 0).all()  # encoders count, so it cannot be exact
-    blind = demo_runs.estimate(shown.arm, _without(shown.followed[0], "motor_position"))
-    assert (blind.rms(blind.series) > rms).all()
+    assert (estimated.rms_error(estimated.series_estimate) < 0.1 * rms).all()
+    assert (estimated.rms_error(estimated.dynamic_estimate) < 0.6 * rms).all()
+    assert (estimated.rms_error(estimated.series_estimate) > 0).all()  # encoders count, so it cannot be exact
+    blind = demo_runs.estimate_torques(shown.arm, _without(shown.circle_runs[0], "motor_position"))
+    assert (blind.rms_error(blind.series_estimate) > rms).all()
 
 
-def _without(followed: demo_runs.Followed, channel: str) -> demo_runs.Followed:
+def _without(followed: demo_runs.CircleRun, channel: str) -> demo_runs.CircleRun:
     """The same with ``channel`` of the log standing still at its first value."""
     logged = followed.simulation.log
     columns = {
@@ -152,24 +154,26 @@ def _without(followed: demo_runs.Followed, channel: str) -> demo_runs.Followed:
     return dataclasses.replace(followed, simulation=simulation)
 
 
-def test_the_shipped_log_is_replayed_with_a_small_gap_that_is_one(shown: demo_runs.Demo) -> None:
+def test_the_shipped_log_is_replayed_with_a_small_gap_that_is_one(shown: demo_runs.DemoResult) -> None:
     (replayed,) = shown.replays
-    assert not replayed.real
-    for channel in replayed.channels:
+    assert not replayed.is_measured
+    for channel in replayed.joints:
         resolution = shown.arm.robot["joints"][0]["sensor"]["joint_encoder_resolution"]
-        assert 10 * resolution < channel.rms < 0.01 * channel.still  # no copy of itself, and under 1 % of the motion
+        assert (
+            10 * resolution < channel.rms_residual < 0.01 * channel.motion_rms
+        )  # no copy of itself, and under 1 % of the motion
 
 
 def test_emps_is_replayed_where_its_data_are(builds: Path, data_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HDAGEN_BUILD", str(builds))
     monkeypatch.setenv("HDAGEN_DATA", str(data_dir))
-    folder = shipped_logs.data_folder()
+    folder = shipped_logs.find_data_folder()
     if folder is None:
-        pytest.skip(f"no EMPS: {data_dir} has no {shipped_logs.EMPS}")
-    replayed = shipped_logs.emps(demo_runs.load("emps"), folder)
-    assert replayed.real
-    assert [channel.unit for channel in replayed.channels] == ["m"]
-    assert replayed.channels[0].rms < 0.25e-3  # m, issue's figure for identification
+        pytest.skip(f"no EMPS: {data_dir} has no {shipped_logs.EMPS_FILE}")
+    replayed = shipped_logs.replay_emps_log(demo_runs.load("emps"), folder)
+    assert replayed.is_measured
+    assert [channel.unit for channel in replayed.joints] == ["m"]
+    assert replayed.joints[0].rms_residual < 0.25e-3  # m, issue's figure for identification
 
 
 def test_emps_columns_are_those_of_the_example() -> None:
@@ -216,14 +220,14 @@ def test_the_shipped_log_is_small_and_says_that_it_is_simulated() -> None:
 
 
 def test_the_page_is_small_and_the_same_each_time(
-    here: Path, shown: demo_runs.Demo, capsys: pytest.CaptureFixture[str]
+    here: Path, shown: demo_runs.DemoResult, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command("--out", "one.html") == 0
     capsys.readouterr()
     assert command("--out", "two.html", "--json") == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed.pop("machine")["casadi"]
-    assert printed == {"page": "two.html", **demo_runs.numbers(shown)}
+    assert printed == {"page": "two.html", **demo_runs.summarize_demo(shown)}
     one = (here / "one.html").read_bytes()
     assert one == (here / "two.html").read_bytes()
     assert len(one) < 5e6
@@ -231,13 +235,13 @@ def test_the_page_is_small_and_the_same_each_time(
     assert sorted(path.name for path in here.iterdir()) == ["one.html", "two.html"]
 
 
-def test_the_page_says_its_numbers_and_what_is_simulated(shown: demo_runs.Demo, tmp_path: Path) -> None:
-    demo_page.write(tmp_path / "page.html", shown)
+def test_the_page_says_its_numbers_and_what_is_simulated(shown: demo_runs.DemoResult, tmp_path: Path) -> None:
+    demo_page.write_demo_page(tmp_path / "page.html", shown)
     text = (tmp_path / "page.html").read_text("utf-8")
-    for one in shown.followed:
-        assert f"{100 * one.share:.1f}\N{NO-BREAK SPACE}%" in demo_page.verdict(shown)
+    for one in shown.circle_runs:
+        assert f"{100 * one.gap_share:.1f}\N{NO-BREAK SPACE}%" in demo_page.format_demo_verdict(shown)
     assert "This log is simulated, not measured" in text
-    assert demo_page.verdict(shown) in text
+    assert demo_page.format_demo_verdict(shown) in text
 
 
 @pytest.mark.skipif(
@@ -245,9 +249,9 @@ def test_the_page_says_its_numbers_and_what_is_simulated(shown: demo_runs.Demo, 
     reason="no Chromium is installed; `apt-get install chromium` brings what this test looks with",
 )
 @pytest.mark.parametrize("width", [400, 1100])
-def test_the_page_opens_in_silence(shown: demo_runs.Demo, tmp_path: Path, width: int) -> None:
+def test_the_page_opens_in_silence(shown: demo_runs.DemoResult, tmp_path: Path, width: int) -> None:
     path = tmp_path / "page.html"
-    demo_page.write(path, shown)
+    demo_page.write_demo_page(path, shown)
     with chromium.browser() as tab:
         tab.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
         tab.open(path.as_uri())
@@ -268,7 +272,7 @@ def test_the_page_opens_in_silence(shown: demo_runs.Demo, tmp_path: Path, width:
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(
     here: Path, monkeypatch: pytest.MonkeyPatch, out: str
 ) -> None:
-    monkeypatch.setattr(demo_runs, "show", lambda *_, **__: pytest.fail("the work was begun"))
+    monkeypatch.setattr(demo_runs, "run_demo", lambda *_, **__: pytest.fail("the work was begun"))
     with pytest.raises(PlantError, match="--out"):
         command("--out", out)
 
@@ -277,7 +281,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
     ("module", "name"), [(demo_runs, "estimate"), (demo_runs, "shipped"), (demo_page, "verdict"), (page.os, "replace")]
 )
 def test_an_interrupt_leaves_nothing_half_written(
-    here: Path, shown: demo_runs.Demo, monkeypatch: pytest.MonkeyPatch, module: Any, name: str
+    here: Path, shown: demo_runs.DemoResult, monkeypatch: pytest.MonkeyPatch, module: Any, name: str
 ) -> None:
     (here / "page.html").write_text("an earlier page")
 
@@ -292,7 +296,7 @@ def test_an_interrupt_leaves_nothing_half_written(
     assert (here / "page.html").read_text() == "an earlier page"
 
 
-def test_control_c_ends_with_130(here: Path, shown: demo_runs.Demo) -> None:
+def test_control_c_ends_with_130(here: Path, shown: demo_runs.DemoResult) -> None:
     words = [sys.executable, "-m", "hdagen", "demo", "--out", "page.html"]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None

@@ -19,12 +19,20 @@ from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.guarded_controller import Controller, Guard, Safe
 from hdagen.control.reference_motion import Reference
-from hdagen.diagnosis.initialization.encoder_regression import Between
-from hdagen.excitation.least_motion import SEEN, moved
-from hdagen.excitation.motion_limits import limits_of, middle
-from hdagen.excitation.motion_shapes import motions
-from hdagen.excitation.optimal_motion import ENOUGH, TRUST, Excitation, excite, modelled, separation, weighed
-from hdagen.excitation.safe_motion import MARGIN, Kept, follow, keep, with_size
+from hdagen.diagnosis.initialization.encoder_regression import EncoderDifference
+from hdagen.excitation.least_motion import LEAST_ENCODER_STEPS, count_run_steps
+from hdagen.excitation.motion_limits import choose_middle_posture, narrow_limits
+from hdagen.excitation.motion_shapes import list_motions
+from hdagen.excitation.optimal_motion import (
+    LEAST_SEPARATION,
+    PREDICTION_FACTOR,
+    Excitation,
+    build_linear_model,
+    excite,
+    predict_separations,
+    score_effects,
+)
+from hdagen.excitation.safe_motion import LIMIT_MARGIN, SafeRun, follow_reference, shrink_to_limits, with_parameters
 from hdagen.log.data_table import read_parquet
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import run
@@ -71,21 +79,21 @@ def found(arm: Arm) -> Excitation:
     return excite(arm, ("viscous_friction", "thermal_friction"), duration=SECONDS)
 
 
-def kept(arm: Arm, name: str, **limits: tuple[float, ...]) -> Kept:
-    bounds = limits_of(arm, limits)
-    motion = next(m for m in motions(arm, 1, SECONDS, 1e-3) if m.name == name)
-    made = keep(arm, [], bounds, motion, middle(arm, bounds), 1e-3)
-    assert isinstance(made, Kept), made
+def kept(arm: Arm, name: str, **limits: tuple[float, ...]) -> SafeRun:
+    bounds = narrow_limits(arm, limits)
+    motion = next(m for m in list_motions(arm, 1, SECONDS, 1e-3) if m.name == name)
+    made = shrink_to_limits(arm, [], bounds, motion, choose_middle_posture(arm, bounds), 1e-3)
+    assert isinstance(made, SafeRun), made
     return made
 
 
-def measured(arm: Arm, made: Kept, pair: tuple[str, str], true: str, states: bool = True) -> float:
+def measured(arm: Arm, made: SafeRun, pair: tuple[str, str], true: str, states: bool = True) -> float:
     """Nats by which a log of an arm with ``true`` speaks for it; windows begin at its own states, or as measured."""
-    result, _ = follow(arm, with_size(arm, TYPICAL[true]), made.reference, limits_of(arm))
+    result, _ = follow_reference(arm, with_parameters(arm, TYPICAL[true]), made.reference, narrow_limits(arm))
     assert result is not None
     names = [f"{name}@1" for name in pair]
-    at = modelled(arm, result.log, names, result.state if states else None)
-    evidence = weighed(at.linear(1.0), at.words, names)
+    at = build_linear_model(arm, result.log, names, result.state if states else None)
+    evidence = score_effects(at.linear_model(1.0), at.candidates, names)
     other = pair[1 - pair.index(true)]
     return evidence[f"{true}@1"] - evidence[f"{other}@1"]
 
@@ -106,12 +114,12 @@ def test_logs_are_told_apart_by_as_much_as_was_predicted(arm: Arm, pair: tuple[s
     names = [f"{name}@1" for name in pair]
     for name, limits in (("fine reversals", {}), (SLOW, {"speed": (0.1,)})):
         made = kept(arm, name, **limits)
-        (predicted,) = separation(arm, names, made).values()
+        (predicted,) = predict_separations(arm, names, made).values()
         seen = min(measured(arm, made, pair, true) for true in pair)
-        if predicted >= ENOUGH:
-            assert predicted / TRUST < seen < predicted * TRUST, (name, predicted, seen)
+        if predicted >= LEAST_SEPARATION:
+            assert predicted / PREDICTION_FACTOR < seen < predicted * PREDICTION_FACTOR, (name, predicted, seen)
         else:
-            assert seen < ENOUGH * TRUST, (name, predicted, seen)
+            assert seen < LEAST_SEPARATION * PREDICTION_FACTOR, (name, predicted, seen)
 
 
 def test_the_motion_that_is_predicted_to_be_better_is_better(arm: Arm) -> None:
@@ -120,7 +128,7 @@ def test_the_motion_that_is_predicted_to_be_better_is_better(arm: Arm) -> None:
     predicted, seen = [], []
     for name, limits in (("fine reversals", {}), ("multisine to 25 Hz", {}), (SLOW, {"speed": (0.1,)}), (MIXED, {})):
         made = kept(arm, name, **limits)
-        predicted += separation(arm, [f"{n}@1" for n in pair], made).values()
+        predicted += predict_separations(arm, [f"{n}@1" for n in pair], made).values()
         seen.append(min(measured(arm, made, pair, true) for true in pair))
     assert max(predicted) > 4 * min(predicted) > 0
     assert np.argsort(predicted).tolist() == np.argsort(seen).tolist(), (predicted, seen)
@@ -136,20 +144,20 @@ def test_states_as_encoders_measure_them_change_little(arm: Arm) -> None:
 
 def test_the_same_arm_gives_the_same_motion_to_the_bit(arm: Arm, found: Excitation) -> None:
     again = excite(arm, ("viscous_friction@1", "thermal_friction@1"), duration=SECONDS)
-    assert [t.nats for t in again.tried] == [t.nats for t in found.tried]
+    assert [t.separations for t in again.tried_motions] == [t.separations for t in found.tried_motions]
     assert np.array_equal(again.reference.position, found.reference.position)
 
 
 def test_the_best_motion_comes_first_and_says_whether_it_is_enough(found: Excitation) -> None:
-    nats = [t.worst for t in found.tried]
+    nats = [t.smallest_separation for t in found.tried_motions]
     assert len(nats) >= 9 and nats == sorted(nats, reverse=True)
-    assert found.separates == (nats[0] >= ENOUGH * TRUST)
+    assert found.is_separating == (nats[0] >= LEAST_SEPARATION * PREDICTION_FACTOR)
     assert nats[0] > 1.2 * min(n for n in nats if n > -np.inf)
 
 
 def test_without_an_effect_the_model_leaves_the_sensors_noise_alone(arm: Arm) -> None:
     result = kept(arm, SLOW).simulation
-    left = modelled(arm, result.log, ["payload@1"], result.state).residual
+    left = build_linear_model(arm, result.log, ["payload@1"], result.state).residual
     assert np.sqrt((left**2).mean(0)) == pytest.approx(np.ones(left.shape[1]), abs=0.1)
 
 
@@ -160,7 +168,7 @@ def reached(arm: Arm, reference: Reference, **sizes: float) -> dict[str, float]:
     """Largest position, speed, torque and current of a run that only simulate knows of; with an effect in the arm."""
     controller = Controller(arm, "position", Guard(Safe.ZERO))
     sensors = Sensors(force_noise=0.0)  # there is no push
-    result = run(with_size(arm, sizes), controller, reference, sensors=sensors, start=reference.position[0])
+    result = run(with_parameters(arm, sizes), controller, reference, sensors=sensors, start=reference.position[0])
     assert (result.status >= 0).all()
     found = {"position": result.state[:, arm.index("joint_position_1")]}
     found["speed"] = result.state[:, arm.index("joint_velocity_1")]
@@ -172,14 +180,14 @@ def reached(arm: Arm, reference: Reference, **sizes: float) -> dict[str, float]:
 
 def test_the_robot_file_s_limits_are_kept_with_a_margin(arm: Arm, found: Excitation) -> None:
     most = {"position": 1.5, "speed": 2.0, "torque": 60.0, "current": 10.0}
-    for tried in found.tried:
-        assert tried.kept is not None or tried.why
-        if tried.kept is None:
+    for tried in found.tried_motions:
+        assert tried.safe_run is not None or tried.drop_reason
+        if tried.safe_run is None:
             continue
-        nominal = reached(arm, tried.kept.reference)
+        nominal = reached(arm, tried.safe_run.reference)
         for name, limit in most.items():
-            assert nominal[name] <= MARGIN * limit, (tried.name, name)
-            assert tried.kept.shares[f"{name}_1"] >= nominal[name] / limit - 1e-9
+            assert nominal[name] <= LIMIT_MARGIN * limit, (tried.name, name)
+            assert tried.safe_run.limit_shares[f"{name}_1"] >= nominal[name] / limit - 1e-9
     for effect in ("viscous_friction", "thermal_friction"):
         whole = reached(arm, found.reference, **TYPICAL[effect])
         assert all(whole[name] <= limit for name, limit in most.items()), (effect, whole)
@@ -189,11 +197,11 @@ def test_narrower_limits_and_a_workspace_are_kept(arm: Arm) -> None:
     made = kept(arm, SLOW, speed=(0.3,), current_1=(4.0,), position=(-0.2, 0.9), tip_y=(-0.1, 0.1), tip_x=(0.0, 1.0))
     whole = reached(arm, made.reference)
     assert whole["speed"] <= 0.27 and whole["current"] <= 3.6 and whole["tip_y"] <= 0.09
-    assert made.shares["speed_1"] > 0.3 or made.shares["tip_y"] > 0.3  # small for a limit's sake only
+    assert made.limit_shares["speed_1"] > 0.3 or made.limit_shares["tip_y"] > 0.3  # small for a limit's sake only
 
 
 def test_a_motion_begins_and_ends_at_rest_without_a_jump(arm: Arm) -> None:
-    for motion in motions(arm, 1, 10.0, 1e-3):
+    for motion in list_motions(arm, 1, 10.0, 1e-3):
         rate = np.gradient(motion.shape, 1e-3, axis=0)
         assert np.abs(motion.shape[[0, -1]]).max() < 1e-6 and np.abs(rate[[0, -1]]).max() < 1e-2, motion.name
         assert 0.01 < np.abs(motion.shape).max() <= 1.05, motion.name
@@ -202,10 +210,10 @@ def test_a_motion_begins_and_ends_at_rest_without_a_jump(arm: Arm) -> None:
 
 def test_what_the_file_does_not_state_is_assumed_and_said(build: Callable[..., Compiled]) -> None:
     bare = Arm(build(arms.SMALL).folder)
-    limits = limits_of(bare)
+    limits = narrow_limits(bare)
     assert {note.split()[0] for note in limits.notes} == {"position", "speed", "torque", "current"}
     assert np.diff(limits.position)[0, 0] == pytest.approx(1.0)
-    told = limits_of(bare, {"position_1": (0.0, 0.4), "speed": (1.0,)})
+    told = narrow_limits(bare, {"position_1": (0.0, 0.4), "speed": (1.0,)})
     assert {note.split()[0] for note in told.notes} == {"torque", "current"}
 
 
@@ -213,12 +221,14 @@ def test_a_limit_told_of_one_joint_is_still_assumed_of_the_others_and_units_are_
     build: Callable[..., Compiled],
 ) -> None:
     bare = Arm(build(arms.CHAINS["RPR"]).folder)
-    assumed = dict(note.removesuffix(" is assumed.").split(": no limit is stated; ") for note in limits_of(bare).notes)
+    assumed = dict(
+        note.removesuffix(" is assumed.").split(": no limit is stated; ") for note in narrow_limits(bare).notes
+    )
     units = {what: value.split()[-1] for what, value in assumed.items() if not value.endswith("N m")}
     turning = {f"{kind} of joint {j}": unit for j in (1, 3) for kind, unit in (("position", "rad"), ("speed", "rad/s"))}
     sliding = {"position of joint 2": "m", "speed of joint 2": "m/s", "torque of joint 2": "N"}
     assert units == turning | sliding
-    left = [note.split(":")[0] for note in limits_of(bare, {"position_2": (0.0, 0.04)}).notes]
+    left = [note.split(":")[0] for note in narrow_limits(bare, {"position_2": (0.0, 0.04)}).notes]
     assert left == [what for what in assumed if what != "position of joint 2"]
 
 
@@ -249,7 +259,7 @@ def test_the_table_names_every_motion(arm: Arm, robot: str, tmp_path: Path, caps
     assert main([*arguments, "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert "expected to separate: no" in said
-    assert all(motion.name in said for motion in motions(arm, 1, 2.0, 1e-3))
+    assert all(motion.name in said for motion in list_motions(arm, 1, 2.0, 1e-3))
     assert out.read_text().splitlines()[0] == "time,joint_position_reference_1"
 
 
@@ -318,14 +328,16 @@ def test_limits_within_which_nothing_is_seen_to_move_are_refused_before_the_mode
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        "hdagen.excitation.optimal_motion.separation", lambda *_: pytest.fail("the costly part was begun")
+        "hdagen.excitation.optimal_motion.predict_separations", lambda *_: pytest.fail("the costly part was begun")
     )
     monkeypatch.setenv("HDAGEN_BUILD", str(level.folder.parent))
     pair = ["--separate", "stribeck_friction,presliding_friction", "--duration", "2"]
     assert main(["excite", str(level.folder.parent / "level.toml"), *pair, "--limits", limit]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.lstrip()[:1].isdigit()]
     assert len(lines) == 1 and lines[0].endswith("; widen the limits."), lines
-    assert lines[0].startswith(f"the limits admit no motion: one that moves joint 1 by {SEEN} steps of its encoder")
+    assert lines[0].startswith(
+        f"the limits admit no motion: one that moves joint 1 by {LEAST_ENCODER_STEPS} steps of its encoder"
+    )
     assert re.search(STILL[limit], lines[0]), lines
     assert list(tmp_path.iterdir()) == []
 
@@ -333,15 +345,18 @@ def test_limits_within_which_nothing_is_seen_to_move_are_refused_before_the_mode
 def test_a_motion_that_is_small_but_seen_is_admitted(level: Arm) -> None:
     pair = ("command_delay", "current_loop_lag")
     found = excite(level, pair, duration=2.0, limits={"position": (-5e-4, 5e-4)})
-    assert found.best.kept is not None and found.best.worst > 0
-    assert moved(level, found.best.kept.simulation)[0] >= SEEN
-    assert all(t.kept is None or moved(level, t.kept.simulation)[0] >= SEEN for t in found.tried)
+    assert found.best_motion.safe_run is not None and found.best_motion.smallest_separation > 0
+    assert count_run_steps(level, found.best_motion.safe_run.simulation)[0] >= LEAST_ENCODER_STEPS
+    assert all(
+        t.safe_run is None or count_run_steps(level, t.safe_run.simulation)[0] >= LEAST_ENCODER_STEPS
+        for t in found.tried_motions
+    )
 
 
 def test_a_joint_that_bears_no_torque_tells_nothing_of_its_torsion() -> None:
     none, row = np.zeros(8, bool), np.zeros(8)
-    still = Between(1, (), row, np.zeros((8, 0)), np.zeros((8, 3)), np.zeros((8, 2)), none, ~none, row, row)
-    assert still.told(np.zeros(0, bool), still.loaded).tolist() == [0.0] * 3
+    still = EncoderDifference(1, (), row, np.zeros((8, 0)), np.zeros((8, 3)), np.zeros((8, 2)), none, ~none, row, row)
+    assert still.regress_terms(np.zeros(0, bool), still.loaded_rows).tolist() == [0.0] * 3
 
 
 def test_every_pair_of_a_joint_can_be_asked_for(build: Callable[..., Compiled]) -> None:
@@ -349,11 +364,11 @@ def test_every_pair_of_a_joint_can_be_asked_for(build: Callable[..., Compiled]) 
     found = excite(some, duration=2.0)
     assert {"stribeck_friction@1", "torque_sensor_gain@1", "payload@1"} < set(found.effects)
     unseen = {name for name in found.effects if "torque_sensor" in name}
-    assert len(found.best.nats) == math.comb(len(set(found.effects) - unseen), 2)
-    assert found.best.merit == max(t.merit for t in found.tried)
+    assert len(found.best_motion.separations) == math.comb(len(set(found.effects) - unseen), 2)
+    assert found.best_motion.merit == max(t.merit for t in found.tried_motions)
 
 
 def test_limits_that_are_all_wrong_are_named_at_once(arm: Arm) -> None:
     with pytest.raises(PlantError) as refused:
-        limits_of(arm, {"speed": (-1.0,), "tip_z": (0.0, 1.0), "position": (0.5,)})
+        narrow_limits(arm, {"speed": (-1.0,), "tip_z": (0.0, 1.0), "position": (0.5,)})
     assert len(str(refused.value).splitlines()) == 3

@@ -24,8 +24,8 @@ from hostile_names import NAME, check_escaped
 from hdagen.__main__ import main
 from hdagen.arm.build_loader import PlantError
 from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page
-from hdagen.fleet.fleet_diagnosis import Result, Status
-from hdagen.fleet.fleet_file import Machine
+from hdagen.fleet.fleet_diagnosis import MachineResult, Status
+from hdagen.fleet.fleet_file import FleetMachine
 
 STAND_IN = """
 import argparse, json, os, sys, time
@@ -102,7 +102,7 @@ def asked(tmp_path: Path) -> Callable[..., Path]:
     return written
 
 
-def ended(results: Sequence[Result]) -> dict[str, str]:
+def ended(results: Sequence[MachineResult]) -> dict[str, str]:
     return {one.machine.name: one.status.value for one in results}
 
 
@@ -124,18 +124,18 @@ def test_each_machine_ends_as_its_program_does(
     asked: Callable[..., Path], stand_in: tuple[str, ...], tmp_path: Path
 ) -> None:
     said: list[str] = []
-    results, interrupted = fleet_diagnosis.diagnose(
-        fleet_file.read(asked(**FOUR)), tmp_path / "out", 2, said.append, stand_in
+    results, interrupted = fleet_diagnosis.diagnose_fleet(
+        fleet_file.read_fleet(asked(**FOUR)), tmp_path / "out", 2, said.append, stand_in
     )
     assert not interrupted
     assert ended(results) == {
         "a": "diagnosed", "b": "refused", "c": "failed", "d": "diagnosed", "e": "diagnosed", "f": "failed"
     }  # fmt: skip
     by_name = {one.machine.name: one for one in results}
-    assert by_name["b"].says == (f"{tmp_path / 'b.csv'}: motor_position_1 stays at 0; record it.",)
-    assert by_name["c"].says == ("the build failed.",)
-    assert "left no diagnosis.json that can be read" in by_name["f"].says[0]
-    assert by_name["a"].probability == 0.9 and by_name["b"].probability is None
+    assert by_name["b"].messages == (f"{tmp_path / 'b.csv'}: motor_position_1 stays at 0; record it.",)
+    assert by_name["c"].messages == ("the build failed.",)
+    assert "left no diagnosis.json that can be read" in by_name["f"].messages[0]
+    assert by_name["a"].verdict_probability == 0.9 and by_name["b"].verdict_probability is None
     assert "6 of 6" in said[-1] and "left" in said[0]
     assert (tmp_path / "out" / "a" / "report.html").read_text() == "a report"
     assert "screening" in (tmp_path / "out" / "a" / "said.txt").read_text()
@@ -146,10 +146,10 @@ def test_what_is_finished_is_kept_until_its_files_change(
 ) -> None:
     def again() -> list[str]:
         calls()
-        machines = fleet_file.read(tmp_path / "fleet.toml")
-        results, _ = fleet_diagnosis.diagnose(machines, tmp_path / "out", 2, silent, stand_in)
+        machines = fleet_file.read_fleet(tmp_path / "fleet.toml")
+        results, _ = fleet_diagnosis.diagnose_fleet(machines, tmp_path / "out", 2, silent, stand_in)
         found = calls()
-        assert [one.machine.name for one in results if not one.kept] == found
+        assert [one.machine.name for one in results if not one.is_reused] == found
         return found
 
     asked(**FOUR)
@@ -174,9 +174,13 @@ def test_what_is_finished_is_kept_until_its_files_change(
 def test_a_log_that_is_refused_now_leaves_no_older_diagnosis(
     asked: Callable[..., Path], stand_in: tuple[str, ...], tmp_path: Path
 ) -> None:
-    fleet_diagnosis.diagnose(fleet_file.read(asked(a="find payload@2")), tmp_path / "out", 1, silent, stand_in)
+    fleet_diagnosis.diagnose_fleet(
+        fleet_file.read_fleet(asked(a="find payload@2")), tmp_path / "out", 1, silent, stand_in
+    )
     assert (tmp_path / "out" / "a" / "diagnosis.json").exists()
-    results, _ = fleet_diagnosis.diagnose(fleet_file.read(asked(a="refuse")), tmp_path / "out", 1, silent, stand_in)
+    results, _ = fleet_diagnosis.diagnose_fleet(
+        fleet_file.read_fleet(asked(a="refuse")), tmp_path / "out", 1, silent, stand_in
+    )
     assert ended(results) == {"a": "refused"}
     assert sorted(path.name for path in (tmp_path / "out" / "a").iterdir()) == ["machine.json", "said.txt"]
 
@@ -187,21 +191,21 @@ def test_the_hash_is_of_what_the_files_hold_and_not_of_where_they_lie(tmp_path: 
         for name, text in (("arm.toml", "arm"), ("log.csv", "log"), ("other.csv", "other"), ("columns.toml", "")):
             (tmp_path / folder / name).write_text(text)
 
-    def machine(folder: str, **files: str) -> Machine:
+    def machine(folder: str, **files: str) -> FleetMachine:
         place = tmp_path / folder
         other = {key: place / name for key, name in files.items() if key != "robot"}
         robot = files.get("robot", str(place / "arm.toml"))
-        return Machine("x", robot, other.get("log", place / "log.csv"), other.get("held"), other.get("columns"))
+        return FleetMachine("x", robot, other.get("log", place / "log.csv"), other.get("held"), other.get("columns"))
 
-    first = machine("here").digest()
-    assert machine("there").digest() == first
+    first = machine("here").hash_inputs()
+    assert machine("there").hash_inputs() == first
     differing = [
         machine("here", log="other.csv"),
         machine("here", held="other.csv"),
         machine("here", columns="columns.toml"),
         machine("here", robot="paper"),
     ]
-    assert len({first, *(one.digest() for one in differing)}) == 5
+    assert len({first, *(one.hash_inputs() for one in differing)}) == 5
 
 
 def test_an_interrupt_keeps_what_is_finished_and_stops_the_rest(
@@ -231,16 +235,20 @@ def test_an_interrupt_keeps_what_is_finished_and_stops_the_rest(
     assert not (tmp_path / "out" / "b" / "machine.json").exists()
     calls()
     (tmp_path / "b.csv").write_text("find")
-    results, interrupted = fleet_diagnosis.diagnose(fleet_file.read(path), tmp_path / "out", 1, silent, stand_in)
+    results, interrupted = fleet_diagnosis.diagnose_fleet(
+        fleet_file.read_fleet(path), tmp_path / "out", 1, silent, stand_in
+    )
     assert not interrupted and calls() == ["b", "c"] and set(ended(results).values()) == {"diagnosed"}
 
 
 def test_one_that_takes_too_long_is_stopped(
     asked: Callable[..., Path], stand_in: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fleet_diagnosis, "_LONGEST", 0.3)
-    results, _ = fleet_diagnosis.diagnose(fleet_file.read(asked(a="sleep")), tmp_path / "out", 1, silent, stand_in)
-    assert ended(results) == {"a": "failed"} and results[0].says == ("it was stopped after 0.3 s.",)
+    monkeypatch.setattr(fleet_diagnosis, "_LONGEST_DIAGNOSIS", 0.3)
+    results, _ = fleet_diagnosis.diagnose_fleet(
+        fleet_file.read_fleet(asked(a="sleep")), tmp_path / "out", 1, silent, stand_in
+    )
+    assert ended(results) == {"a": "failed"} and results[0].messages == ("it was stopped after 0.3 s.",)
 
 
 def test_a_folder_that_cannot_be_made_fails_its_machine_alone(
@@ -248,10 +256,10 @@ def test_a_folder_that_cannot_be_made_fails_its_machine_alone(
 ) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "a").write_text("a file")
-    results, _ = fleet_diagnosis.diagnose(
-        fleet_file.read(asked(a="find", b="find")), tmp_path / "out", 1, silent, stand_in
+    results, _ = fleet_diagnosis.diagnose_fleet(
+        fleet_file.read_fleet(asked(a="find", b="find")), tmp_path / "out", 1, silent, stand_in
     )
-    assert ended(results) == {"a": "failed", "b": "diagnosed"} and str(tmp_path / "out" / "a") in results[0].says[0]
+    assert ended(results) == {"a": "failed", "b": "diagnosed"} and str(tmp_path / "out" / "a") in results[0].messages[0]
 
 
 # -- the command ------------------------------------------------------------------------------------------------------
@@ -260,7 +268,7 @@ def test_a_folder_that_cannot_be_made_fails_its_machine_alone(
 @pytest.fixture
 def command(stand_in: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., int]:
     """command(*arguments) -> exit code of hdagen diagnose --fleet, machines by the stand-in."""
-    monkeypatch.setattr(fleet_diagnosis, "diagnose", partial(fleet_diagnosis.diagnose, command=stand_in))
+    monkeypatch.setattr(fleet_diagnosis, "diagnose_fleet", partial(fleet_diagnosis.diagnose_fleet, command=stand_in))
     return lambda *arguments: main(["diagnose", "--fleet", *map(str, arguments), "--out", str(tmp_path / "out")])
 
 
@@ -305,7 +313,7 @@ def test_the_exit_code_says_the_worst(asked: Callable[..., Path], command: Calla
 def test_names_of_machines_are_text_and_nothing_else(asked: Callable[..., Path], tmp_path: Path) -> None:
     path = asked(a="find")
     path.write_text(path.read_text() + 'name = "Prüfstand 3 - links"\n')
-    (machine,) = fleet_file.read(path)
+    (machine,) = fleet_file.read_fleet(path)
     found = {
         "verdict": ["unknown@0"],
         "sure": False,
@@ -314,8 +322,10 @@ def test_names_of_machines_are_text_and_nothing_else(asked: Callable[..., Path],
         "hypotheses": [],
     }
     machine = replace(machine, name=f"{machine.name} {NAME}", robot=NAME, log=Path(NAME.replace("/", "")))
-    odd = Result(machine, Status.REFUSED, says=(f"{NAME} [bold]",))
-    fleet_page.write(tmp_path / "page.html", Path(NAME), [odd, Result(machine, Status.DIAGNOSED, diagnosis=found)])
+    odd = MachineResult(machine, Status.REFUSED, messages=(f"{NAME} [bold]",))
+    fleet_page.write_fleet_page(
+        tmp_path / "page.html", Path(NAME), [odd, MachineResult(machine, Status.DIAGNOSED, diagnosis=found)]
+    )
     page = (tmp_path / "page.html").read_text()
     check_escaped(page, 4)
     assert "Prüfstand 3 - links" in page
@@ -334,7 +344,7 @@ def test_all_that_is_wrong_in_a_fleet_toml_is_said_at_once(tmp_path: Path) -> No
         '[[machine]]\nrobot = "paper"\nlog = "log.csv"\n[[machine]]\nrobot = "paper"\nlog = "log.csv"\nname = "LOG"\n'
     )
     with pytest.raises(PlantError) as raised:
-        fleet_file.read(tmp_path / "fleet.toml")
+        fleet_file.read_fleet(tmp_path / "fleet.toml")
     said = str(raised.value).removeprefix(f"{tmp_path / 'fleet.toml'}: ").split(f"\n{tmp_path / 'fleet.toml'}: ")
     assert said == [
         "unknown key 'jobs'; possible is [[machine]], one a log.",
@@ -355,9 +365,9 @@ def test_all_that_is_wrong_in_a_fleet_toml_is_said_at_once(tmp_path: Path) -> No
 def test_what_is_no_fleet_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "fleet.toml").write_text(text)
     with pytest.raises(PlantError, match=r"fleet\.toml: "):
-        fleet_file.read(tmp_path / "fleet.toml")
+        fleet_file.read_fleet(tmp_path / "fleet.toml")
     with pytest.raises(PlantError, match="cannot be read"):
-        fleet_file.read(tmp_path / "none.toml")
+        fleet_file.read_fleet(tmp_path / "none.toml")
 
 
 def test_options_that_exclude_each_other_are_refused(

@@ -12,7 +12,7 @@ import arms
 import numpy as np
 import pytest
 
-from hdagen.__main__ import COMMANDS, main, parser
+from hdagen.__main__ import COMMANDS, build_parser, main
 from hdagen.blind import blind_page, blind_report
 from hdagen.blind import sealed_check as blind_run
 from hdagen.diagnosis import pipeline
@@ -24,7 +24,9 @@ ROOT = Path(__file__).parents[2]
 
 
 def commands() -> dict[str, argparse.ArgumentParser]:
-    (choices,) = (action.choices for action in parser()._actions if isinstance(action, argparse._SubParsersAction))
+    (choices,) = (
+        action.choices for action in build_parser()._actions if isinstance(action, argparse._SubParsersAction)
+    )
     return dict(choices)
 
 
@@ -74,9 +76,9 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "log.csv").write_text("\n".join(["time,motor_torque_1,joint_position_1", *rows]) + "\n")
     (tmp_path / "fleet.toml").write_text('[[machine]]\nrobot = "robot.toml"\nlog = "log.csv"\n')
     monkeypatch.chdir(tmp_path)
-    found = SimpleNamespace(content=FOUND, left_out=("a stage failed.",))
+    found = SimpleNamespace(content=FOUND, failures=("a stage failed.",))
     monkeypatch.setattr(pipeline, "diagnose", lambda *_: found)
-    monkeypatch.setattr(report_page, "write", lambda *_: None)
+    monkeypatch.setattr(report_page, "write_report", lambda *_: None)
     return tmp_path
 
 
@@ -93,11 +95,12 @@ def test_a_fleet_is_printed_as_json(
 ) -> None:
     def diagnosed(machines: Any, *_: Any) -> Any:
         return [
-            fleet_diagnosis.Result(machine, fleet_diagnosis.Status.DIAGNOSED, diagnosis=FOUND) for machine in machines
+            fleet_diagnosis.MachineResult(machine, fleet_diagnosis.Status.DIAGNOSED, diagnosis=FOUND)
+            for machine in machines
         ], False
 
-    monkeypatch.setattr(fleet_diagnosis, "diagnose", diagnosed)
-    monkeypatch.setattr(fleet_page, "write", lambda *_: None)
+    monkeypatch.setattr(fleet_diagnosis, "diagnose_fleet", diagnosed)
+    monkeypatch.setattr(fleet_page, "write_fleet_page", lambda *_: None)
     assert main(["diagnose", "--fleet", "fleet.toml", "--out", "found", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["counts"]["diagnosed"] == 1 and said["page"] == "found/fleet.html"
@@ -108,10 +111,10 @@ def test_a_blind_check_is_printed_as_json(
 ) -> None:
     pytest.importorskip("mujoco")
     found = SimpleNamespace(bars=[])
-    monkeypatch.setattr(blind_run, "check", lambda *_: ([], None))
-    monkeypatch.setattr(blind_report, "report", lambda *_: found)
-    monkeypatch.setattr(blind_report, "written", lambda _: '{"cases": 0}\n')
-    monkeypatch.setattr(blind_page, "write", lambda *_: None)
+    monkeypatch.setattr(blind_run, "run_check", lambda *_: ([], None))
+    monkeypatch.setattr(blind_report, "make_report", lambda *_: found)
+    monkeypatch.setattr(blind_report, "render_report", lambda _: '{"cases": 0}\n')
+    monkeypatch.setattr(blind_page, "write_page", lambda *_: None)
     (tmp_path / "out").mkdir()
     given = ["blind", "--kind", "single", "--cases", "1", "--seed", "any", "--out", str(tmp_path / "out")]
     assert main([*given, "--json"]) == 0

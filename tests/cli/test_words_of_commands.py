@@ -14,7 +14,7 @@ import hdagen
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guarded_controller import Controller, Guard, Safe
-from hdagen.support.messages import list_nearest
+from hdagen.support.messages import join_nearest_names
 
 CALL = re.compile(r"\b[A-Za-z_][\w.]*\((\w+=|\.\.\.)|\b\w+=\(")
 ASKED_FROM_PYTHON = {
@@ -69,5 +69,5 @@ def test_the_nearest_names_come_first_and_the_rest_is_counted(arm: Callable[[str
         PlantError, match=r"no parameter named mas_1; there are mass_1, .* and \d+ more\.|there are mass_1"
     ):
         one.parameters["mas_1"]
-    assert list_nearest(["torqe"], ["a", "torque", "b"], 2) == "torque, a and 1 more"
-    assert list_nearest(["x"], []) == "none"
+    assert join_nearest_names(["torqe"], ["a", "torque", "b"], 2) == "torque, a and 1 more"
+    assert join_nearest_names(["x"], []) == "none"

@@ -16,9 +16,9 @@ from gen.model.compliance_laws import held_force
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guarded_controller import Controller, Guard, Safe
-from hdagen.control.reference_motion import Reference, circle, posture
+from hdagen.control.reference_motion import Reference, circle, solve_inverse_kinematics
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import Push, Simulation, ideal, run
+from hdagen.simulation.simulator import Push, Simulation, run, simulate_ideal_admittance
 
 Q = 0.6  # rad, where the motions begin
 CARTESIAN = ("impedance_cartesian", "admittance_cartesian")
@@ -131,7 +131,9 @@ def joints(arm: Arm, result: Simulation) -> Array:
 def promised(arm: Arm, controller: Controller, reference: Reference, result: Simulation) -> tuple[Array, Array]:
     """The motion that the law promises, and the one that came: of the tip or of the joints."""
     if controller.law in CARTESIAN:
-        return reference.position + ideal(arm, controller, result.push, reference.period), result.tip
+        return reference.position + simulate_ideal_admittance(
+            arm, controller, result.push, reference.period
+        ), result.tip
     q = joints(arm, result)
     if controller.law == "position":
         return reference.position, q
@@ -193,7 +195,7 @@ def pushed(
     controller = Controller(arm, law, Guard(Safe.DAMPING, safe_damping=(2e-3, 2e-3)))
     path = circle(0.05, (0.2, 0.0), 5.0, 4.0)
     result = run(plant, controller, path, [Push(2.0, 3.0, force)], Sensors(delay=delay), seed)
-    moved = ideal(arm, controller, result.push, path.period)
+    moved = simulate_ideal_admittance(arm, controller, result.push, path.period)
     gap = np.linalg.norm(result.tip - path.position - moved, axis=1).max()
     return float(gap / np.linalg.norm(moved, axis=1).max()), result
 
@@ -214,7 +216,7 @@ def test_without_the_observer_the_arm_sticks(paper: Callable[[], Arm]) -> None:
     controller = Controller(arm, "impedance_cartesian", Guard(Safe.ZERO), {"observer_bandwidth": 0.0})
     still = Reference("tip", 1e-3, np.tile([0.2, 0.0], (1500, 1)), *np.zeros((2, 1500, 2)))
     result = run(arm, controller, still, [Push(0.5, 1.5, (2.0, 0.0))], Sensors.exact(2))
-    moved = ideal(arm, controller, result.push, 1e-3)
+    moved = simulate_ideal_admittance(arm, controller, result.push, 1e-3)
     gap = np.linalg.norm(result.tip - still.position - moved, axis=1).max()
     assert gap > 0.3 * np.linalg.norm(moved, axis=1).max()
 
@@ -239,7 +241,7 @@ def test_a_start_beside_the_reference_asks_for_no_jump(paper: Callable[[], Arm],
     """2 cm beside it, the first torque is what M, B and K ask for, and the arm comes back as they say."""
     arm, offset = paper(), np.array([0.02, 0.0])
     controller = Controller(arm, law, Guard(Safe.ZERO))
-    q = posture(arm, (0.2, 0.0), (0.6, 0.6))
+    q = solve_inverse_kinematics(arm, (0.2, 0.0), (0.6, 0.6))
     x = arm.rest(q)
     stiffness, mass = controller.gains["stiffness_x"], controller.gains["mass_x"]
     wanted = np.concatenate([arm.evaluate("points", q=q)["points"][-2:] + offset, np.zeros(4)])

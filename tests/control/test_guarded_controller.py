@@ -14,7 +14,7 @@ from arms import SMALL
 from compiled import Compiled
 from guard_library import CODE
 
-from gen.builder.gains_table import table
+from gen.builder.gains_table import make_gains_table
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guarded_controller import Controller, Guard, Safe
@@ -128,7 +128,7 @@ def test_the_first_fault_is_sticky_and_counts_the_others(loop: Loop) -> None:
     assert loop.tick(motor_position=[np.nan, 60.0]) == first
     assert loop.tick() == first, "a good tick does not forgive"
     fault = loop.controller.read_fault()
-    assert fault is not None and fault.status == first and fault.further >= 1
+    assert fault is not None and fault.status == first and fault.later_faults >= 1
     assert np.isnan(fault.measurement[5]) and fault.measurement[1] == 60.0
     assert loop.tick() == CODE["HDA_LATCHED"]
 
@@ -303,7 +303,7 @@ def block(kind: str) -> str:
 
 def test_the_manuals_gains_are_the_laws_own() -> None:
     found = MANUAL.split("<!-- gains: python -m gen.builder.gains_table -->\n")[1].split("<!-- end of gains -->")[0]
-    assert found == table(), (
+    assert found == make_gains_table(), (
         "put what `python -m gen.builder.gains_table` prints between the two markers of docs/control.md"
     )
 

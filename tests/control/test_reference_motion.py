@@ -13,8 +13,8 @@ from robots import chain
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard, Safe, fitting
-from hdagen.control.reference_motion import Reference, circle, posture, to_joints
+from hdagen.control.guarded_controller import Controller, Guard, Safe, convert_to_law_space
+from hdagen.control.reference_motion import Reference, circle, convert_to_joint_motion, solve_inverse_kinematics
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_posture_is_the_inverse_kinematics_branch_next_to_it(arm: Arm, branch: s
     for _ in range(40):
         size, angle = random.uniform(0.05, 0.29), random.uniform(-0.5, 0.5)
         point = size * np.array([np.cos(angle), np.sin(angle)])
-        q = posture(arm, point, near)
+        q = solve_inverse_kinematics(arm, point, near)
         assert np.linalg.norm(tip(arm, q) - point) < 1e-10
         turns = (q - arm.evaluate("inverse_kinematics", point=point)[branch]) / (2 * np.pi)
         assert np.abs(turns - np.round(turns)).max() < 1e-7
@@ -60,7 +60,7 @@ def test_the_joints_meet_position_velocity_and_acceleration(build: Callable[...,
     arm = Arm(build(chain(kinds, 1)).folder)
     near = np.full(arm.n, 0.6)
     c = circle(0.03, tuple(0.9 * tip(arm, near)), 1.0, 0.6, 1e-3, 0.2)
-    j = to_joints(arm, c, near)
+    j = convert_to_joint_motion(arm, c, near)
     made = arm.evaluate("tip_jacobian", q=j.position, v=j.velocity)
     J = made["J"].reshape(-1, arm.n, 2).transpose(0, 2, 1)
     assert np.abs(tip(arm, j.position) - c.position).max() < 1e-10
@@ -75,10 +75,12 @@ def test_the_joints_meet_position_velocity_and_acceleration(build: Callable[...,
 def test_a_law_gets_its_space(arm: Arm) -> None:
     guard = Guard(Safe.ZERO)
     c = circle(0.05, (0.2, 0.0), 1.0, 0.1)
-    assert fitting(Controller(arm, "impedance_cartesian", guard), c, (0.6, 0.6)) is c
-    assert fitting(Controller(arm, "position", guard), c, (0.6, 0.6)).space == "joint"
+    assert convert_to_law_space(Controller(arm, "impedance_cartesian", guard), c, (0.6, 0.6)) is c
+    assert convert_to_law_space(Controller(arm, "position", guard), c, (0.6, 0.6)).space == "joint"
     with pytest.raises(PlantError, match="impedance_cartesian follows the tip; give a motion of the tip"):
-        fitting(Controller(arm, "impedance_cartesian", guard), to_joints(arm, c, (0.6, 0.6)), (0.6, 0.6))
+        convert_to_law_space(
+            Controller(arm, "impedance_cartesian", guard), convert_to_joint_motion(arm, c, (0.6, 0.6)), (0.6, 0.6)
+        )
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_a_wrong_circle_is_one_sentence(change: dict[str, Any], words: str) -> N
 )
 def test_a_wrong_posture_is_one_sentence(arm: Arm, point: Any, near: Any, words: str) -> None:
     with pytest.raises(PlantError, match=words) as caught:
-        posture(arm, point, near)
+        solve_inverse_kinematics(arm, point, near)
     assert len(str(caught.value).splitlines()) == 1
 
 

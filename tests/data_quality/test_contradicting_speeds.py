@@ -10,9 +10,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.cli.replay import look
-from hdagen.data_quality.log_repair import as_measured, repair
-from hdagen.diagnosis.report.sentences import _contradictions
+from hdagen.cli.replay import triage_log
+from hdagen.data_quality.log_repair import repair_for_replay, repair_log
+from hdagen.diagnosis.report.sentences import _say_repairs
 from hdagen.log.measured_log import Log, write
 
 NAME = "joint_velocity_2"
@@ -35,34 +35,34 @@ def with_speed(log: Log, times: float) -> Log:
     ],
 )
 def test_a_speed_that_contradicts_its_angle(times: float, says: str, scaled: bool, good: Log, arm: Arm) -> None:
-    mended, repairs, _ = repair(with_speed(good, times), arm)
+    mended, repairs, _ = repair_log(with_speed(good, times), arm)
     [sentence] = [one.sentence for one in repairs if one.name == "contradicted"]
     assert re.search(says, sentence), sentence
     if scaled:
         assert mended[NAME] == pytest.approx(with_speed(good, 1.0)[NAME], rel=1e-6)
     else:
         assert NAME not in mended
-    alone, said = as_measured(with_speed(good, times), arm)
+    alone, said = repair_for_replay(with_speed(good, times), arm)
     assert [one.sentence for one in said] == [sentence] and (NAME in alone) is scaled
-    assert any("contradicts joint_position_2" in one for one in look(arm, with_speed(good, times))[0])
+    assert any("contradicts joint_position_2" in one for one in triage_log(arm, with_speed(good, times))[0])
 
 
 def test_a_speed_that_agrees_is_kept(good: Log, arm: Arm) -> None:
-    mended, repairs, _ = repair(with_speed(good, 1.0), arm)
+    mended, repairs, _ = repair_log(with_speed(good, 1.0), arm)
     assert NAME in mended and not [one for one in repairs if one.name == "contradicted"]
-    assert as_measured(good, arm)[0] is good
+    assert repair_for_replay(good, arm)[0] is good
 
 
 def test_another_joint_s_speed_is_left_out(good: Log, arm: Arm) -> None:
     other = np.gradient(good["joint_position_1"], good.time)
-    mended, repairs, _ = repair(Log(good.time, {**good.columns, NAME: other}, 2, "mixed up"), arm)
+    mended, repairs, _ = repair_log(Log(good.time, {**good.columns, NAME: other}, 2, "mixed up"), arm)
     assert NAME not in mended and [one.name for one in repairs] == ["contradicted"]
 
 
 def test_what_was_left_out_stands_in_the_headline() -> None:
     repaired = [{"name": "contradicted", "what": "joint_velocity_2 contradicts joint_position_2."}, {"name": "dropped"}]
-    assert _contradictions({"data": {"repaired": repaired}}) == " joint_velocity_2 contradicts joint_position_2."
-    assert _contradictions({}) == ""
+    assert _say_repairs({"data": {"repaired": repaired}}) == " joint_velocity_2 contradicts joint_position_2."
+    assert _say_repairs({}) == ""
 
 
 def test_a_replay_does_not_start_with_it(
@@ -82,9 +82,9 @@ def test_two_clocks_that_drift_apart_are_brought_together(rate: float, good: Log
     step = arm.robot["joints"][1]["sensor"]["joint_encoder_resolution"] or 1e-6
     late = np.round(CubicSpline(good.time, good["joint_position_2"])(seen) / step) * step
     apart = Log(good.time, {**good.columns, "joint_position_2": late}, 2, "two clocks")
-    for mended, repairs in (repair(apart, arm)[:2], as_measured(apart, arm)):
+    for mended, repairs in (repair_log(apart, arm)[:2], repair_for_replay(apart, arm)):
         [one] = [one for one in repairs if one.name == "drift"]
         assert one.joint == 2 and ("later" if rate > 0 else "earlier") in one.sentence and "ppm apart" in one.sentence
         off = [np.std(each["joint_position_2"] - good["joint_position_2"]) for each in (apart, mended)]
         assert off[1] < 0.2 * off[0]
-    assert as_measured(good, arm)[1] == []
+    assert repair_for_replay(good, arm)[1] == []

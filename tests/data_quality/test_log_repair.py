@@ -16,11 +16,11 @@ from real_examples import EXAMPLES, recorded, run
 from replayed import FLEXIBLE, JOINT, NOISE, SENSORS
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.data_quality.log_preparation import prepared
-from hdagen.data_quality.log_repair import repair, segments
-from hdagen.data_quality.log_triage import look
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.data.windows import record
+from hdagen.data_quality.log_preparation import prepare_logs
+from hdagen.data_quality.log_repair import repair_log, split_at_long_gaps
+from hdagen.data_quality.log_triage import triage_for_robot
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log, read, write
 
@@ -53,22 +53,22 @@ def same(log: Log, before: Log, rows: slice = slice(20, -20)) -> bool:
 
 
 def test_a_sound_log_is_left_as_it_is(good: Log, arm: Arm) -> None:
-    log, repairs, _ = repair(good, arm)
+    log, repairs, _ = repair_log(good, arm)
     assert repairs == [] and log.columns is good.columns and log.notes == good.notes
 
 
 def test_no_made_log_is_refused_or_mended(made: list[tuple[Log, Arm]]) -> None:
     for log, arm in made:
-        assert repair(log, arm)[1] == [], log.source
+        assert repair_log(log, arm)[1] == [], log.source
 
 
 @pytest.mark.parametrize("what", MENDED)
 def test_what_leaves_no_choice_is_mended(what: str, good: Log, arm: Arm) -> None:
     damage, names = MENDED[what]
-    log, repairs, seen = repair(damage(good), arm)
+    log, repairs, seen = repair_log(damage(good), arm)
     assert {one.name for one in repairs} == names
     assert same(log, good)
-    assert seen.findings == look(log, arm.robot).findings
+    assert seen.findings == triage_for_robot(log, arm.robot).findings
     assert all(one.sentence in log.notes and one.sentence.endswith(".") for one in repairs)
     assert all("columns.toml" in one.sentence and "Read here with" in one.sentence for one in repairs)
 
@@ -76,7 +76,7 @@ def test_what_leaves_no_choice_is_mended(what: str, good: Log, arm: Arm) -> None
 @pytest.mark.parametrize("what", LESSENED)
 def test_rows_and_columns_that_are_no_use_are_left_out_and_said(what: str, good: Log, arm: Arm) -> None:
     damage, names = LESSENED[what]
-    log, repairs, _ = repair(damage(good), arm)
+    log, repairs, _ = repair_log(damage(good), arm)
     assert {one.name for one in repairs} == names
     assert all(np.isfinite(values).all() for values in log.columns.values())
     left = np.isin(good.time, log.time)
@@ -88,7 +88,7 @@ def test_rows_and_columns_that_are_no_use_are_left_out_and_said(what: str, good:
 def test_what_only_its_owner_can_mend_is_refused(what: str, good: Log, arm: Arm) -> None:
     damage, word = REFUSED[what]
     with pytest.raises(LogError, match=word) as raised:
-        repair(damage(good), arm)
+        repair_log(damage(good), arm)
     assert all(problem.startswith("simulated: ") and problem.endswith(".") for problem in raised.value.problems)
 
 
@@ -99,10 +99,10 @@ def test_no_damage_of_a_made_log_passes_in_silence(what: str, made: list[tuple[L
     for log, arm in (made[(first + 37 * k) % len(made)] for k in range(3)):
         if what in REFUSED:
             with pytest.raises(LogError):
-                repair(REFUSED[what][0](log), arm)
+                repair_log(REFUSED[what][0](log), arm)
             continue
         damage, names = (MENDED | LESSENED)[what]
-        mended, repairs, _ = repair(damage(log), arm)
+        mended, repairs, _ = repair_log(damage(log), arm)
         assert {one.name for one in repairs} == names, (log.source, repairs)
         assert what in LESSENED or same(mended, log), log.source
 
@@ -124,7 +124,7 @@ def test_with_one_encoder_and_no_measured_current_no_damage_passes_in_silence(
         if len(spoilt) == len(one) and all(np.array_equal(spoilt[name], one[name]) for name in one.columns):
             continue  # it concerns what is not logged
         try:
-            assert repair(spoilt, arm)[1], log.source
+            assert repair_log(spoilt, arm)[1], log.source
         except LogError:
             assert what not in MENDED
 
@@ -135,7 +135,7 @@ def test_a_recording_that_was_cut_off_is_refused_and_a_drive_that_saturates_is_n
     refused = 0
     for log, arm in made[::4]:
         try:
-            repair(cut(0.5, "motor_current_command_1", "motor_current_1")(log), arm)
+            repair_log(cut(0.5, "motor_current_command_1", "motor_current_1")(log), arm)
         except LogError as error:
             refused += "cut off" in str(error)
     assert refused > 0.6 * len(made[::4])  # the others hardly reach half of their largest current
@@ -143,11 +143,11 @@ def test_a_recording_that_was_cut_off_is_refused_and_a_drive_that_saturates_is_n
 
 def test_several_mistakes_at_once_are_all_mended(good: Log, arm: Arm) -> None:
     spoilt = times(180 / math.pi, "motor_position_1")(times(1e3, "motor_current_2", "motor_current_command_2")(good))
-    log, repairs, _ = repair(spoilt, arm)
+    log, repairs, _ = repair_log(spoilt, arm)
     assert {one.name for one in repairs} == {"degrees", "milliamperes"} and same(log, good)
     both_kinds = times(-1, "motor_current_1", "motor_current_command_1")(spoilt)
     with pytest.raises(LogError, match="reversed") as raised:
-        repair(both_kinds, arm)
+        repair_log(both_kinds, arm)
     assert "degrees" not in str(raised.value)
 
 
@@ -157,7 +157,7 @@ def test_milliamperes_are_seen_without_a_stated_current_by_the_inertia_they_ask_
     names = ("motor_current_command_1", "motor_current_2", "motor_current_command_2")
     small = times(1 / 50, *names)(alone)  # the robot file's drive has 50 times the torque per ampere
     assert all(np.abs(1e3 * small[name]).max() < 200 for name in names)
-    log, repairs, _ = repair(times(1e3, *names)(small), arm)
+    log, repairs, _ = repair_log(times(1e3, *names)(small), arm)
     assert {one.name for one in repairs} == {"milliamperes"} and same(log, small)
 
 
@@ -171,7 +171,7 @@ def test_another_robot_s_file_is_refused(good: Log, build: Callable) -> None:
     ):
         assert text != FLEXIBLE
         with pytest.raises(LogError, match=words):
-            repair(good, Arm(build(text).folder))
+            repair_log(good, Arm(build(text).folder))
 
 
 def test_an_effect_is_not_taken_for_a_mistake(good: Log, arm: Arm) -> None:
@@ -184,18 +184,18 @@ def test_an_effect_is_not_taken_for_a_mistake(good: Log, arm: Arm) -> None:
         good, motor_current_1=good["motor_current_1"] + 0.5 * np.sign(np.gradient(good["motor_position_1"]))
     )
     for log in (weak, strong, delayed, late, sticks):
-        assert repair(log, arm)[1] == []
+        assert repair_log(log, arm)[1] == []
 
 
 def test_a_time_skew_is_handed_on_as_a_finding(good: Log, arm: Arm) -> None:
-    found = look(later(4, "joint_position_1", "joint_position_2")(good), arm.robot)
+    found = triage_for_robot(later(4, "joint_position_1", "joint_position_2")(good), arm.robot)
     skews = [f.sentence for f in found.findings if f.name == "skew"]
     assert len(skews) == 2 and all("ms later than motor_position" in s and "clocks differ" in s for s in skews)
     both = later(8, *(f"{name}_{j}" for name in ("motor_current", "motor_current_command") for j in (1, 2)))(good)
-    found = look(both, arm.robot)
+    found = triage_for_robot(both, arm.robot)
     assert found.refusals == ()
     assert any("the motion is" in f.sentence and "ahead of" in f.sentence for f in found.findings if f.name == "skew")
-    assert not [f for f in look(good, arm.robot).findings if f.name == "skew"]
+    assert not [f for f in triage_for_robot(good, arm.robot).findings if f.name == "skew"]
 
 
 def test_segments_are_cut_where_rows_are_missing_for_long(good: Log, arm: Arm) -> None:
@@ -203,16 +203,16 @@ def test_segments_are_cut_where_rows_are_missing_for_long(good: Log, arm: Arm) -
     rows[500:503] = False  # commands are held over these
     rows[1000:1200] = False
     rows[2000:2030] = False
-    log, repairs, _ = repair(kept(good, rows), arm)
-    assert segments(log.time) == [(0, 997), (997, 1797), (1797, len(log))]
+    log, repairs, _ = repair_log(kept(good, rows), arm)
+    assert split_at_long_gaps(log.time) == [(0, 997), (997, 1797), (1797, len(log))]
     assert "cut into 3 parts" in repairs[0].sentence
-    assert segments(good.time) == [(0, len(good))]
-    assert segments(np.arange(5) * 0.02) == [(0, 5)]  # a slow log has no gaps for being slow
-    assert segments(np.zeros(1)) == [(0, 1)]
+    assert split_at_long_gaps(good.time) == [(0, len(good))]
+    assert split_at_long_gaps(np.arange(5) * 0.02) == [(0, 5)]  # a slow log has no gaps for being slow
+    assert split_at_long_gaps(np.zeros(1)) == [(0, 1)]
     parts = np.ones(len(good), bool)
     parts[200:2700] = False  # 0.5 s are left
     with pytest.raises(LogError, match="without its gaps"):
-        repair(kept(good, parts), arm)
+        repair_log(kept(good, parts), arm)
 
 
 def test_no_window_of_a_fit_reaches_over_a_long_gap(good: Log, arm: Arm) -> None:
@@ -220,7 +220,7 @@ def test_no_window_of_a_fit_reaches_over_a_long_gap(good: Log, arm: Arm) -> None
     rows[1010:1050] = False  # begins and ends within windows
     rows[2003:2005] = False
     log = kept(good, rows)
-    seen = record(arm, Portion.whole(log), 0.05)
+    seen = cut_windows(arm, LogPortion.all_rows(log), 0.05)
     spans = [np.diff(log.time[a:b]).max() for a, b in zip(seen.starts, seen.ends, strict=True)]
     assert max(spans) < 0.0035 and len(spans) > 50
     assert 1010 in seen.starts  # the first row after the gap
@@ -231,16 +231,16 @@ def test_a_value_that_repeats_counts_once(good: Log, arm: Arm) -> None:
     that the channel has, however many rows there are."""
     held = np.repeat(np.arange(len(good) // 10 + 1), 10)[: len(good)] * 1e-3
     log = Log(good.time, {**good.columns, "motor_position_1": held}, good.n_joints, good.source)
-    seen = record(arm, Portion.whole(log), 0.05)
-    other = record(arm, Portion.whole(good), 0.05)
+    seen = cut_windows(arm, LogPortion.all_rows(log), 0.05)
+    other = cut_windows(arm, LogPortion.all_rows(good), 0.05)
     at = seen.names.index("motor_position_1")
-    share = (seen.spread[:, at] / seen.noise[at]) ** 2
-    rows = len(seen.looked[0])
+    share = (seen.sample_noise[:, at] / seen.noise[at]) ** 2
+    rows = len(seen.sampled_rows[0])
     assert set(np.round(rows / share[share > 0]).astype(int)) <= {5, 6}  # counts in windows of 50 rows
     rest = [k for k in range(len(seen.names)) if k != at]
-    np.testing.assert_array_equal(seen.spread[:, rest], other.spread[:, rest])
+    np.testing.assert_array_equal(seen.sample_noise[:, rest], other.sample_noise[:, rest])
     current = seen.names.index("motor_current_1")
-    np.testing.assert_array_equal(seen.spread[:, current], seen.noise[current])  # that has noise of its own
+    np.testing.assert_array_equal(seen.sample_noise[:, current], seen.noise[current])  # that has noise of its own
 
 
 def test_a_file_with_holes_is_read_for_repair_and_refused_otherwise(good: Log, arm: Arm, tmp_path: Path) -> None:
@@ -248,7 +248,7 @@ def test_a_file_with_holes_is_read_for_repair_and_refused_otherwise(good: Log, a
     write(sparse("motor_temperature_1", 0.9)(changed_with_temperature(holes("joint_position_1", 700, 3)(good))), path)
     with pytest.raises(LogError, match="no value"):
         read(path, joints=2)
-    log, repairs, _ = repair(read(path, joints=2, holes=True), arm)
+    log, repairs, _ = repair_log(read(path, joints=2, holes=True), arm)
     assert len(log) == len(good) - 3 and "motor_temperature_1" not in log
     assert [(one.name, one.joint) for one in repairs] == [("missing", 1), ("missing", 0), ("dropped", 0)]
 
@@ -262,29 +262,29 @@ def changed_with_temperature(log: Log) -> Log:
 def test_a_needed_column_that_is_empty_is_refused(good: Log, arm: Arm) -> None:
     empty = sparse("motor_current_1", 1.0)(sparse("motor_current_command_1", 1.0)(good))
     with pytest.raises(LogError, match="joint 1 has none of motor_current_command_1, motor_current_1"):
-        repair(empty, arm)
+        repair_log(empty, arm)
 
 
 def test_a_joint_that_is_pulled_along_is_not_refused(good: Log, arm: Arm) -> None:
     """A command of 0 alone is a passive joint's; a measured current without any noise is none."""
     passive = stuck("motor_current_command_2")(times(0.0, "motor_current_command_2")(good))
     columns = {n: v for n, v in passive.columns.items() if n != "motor_current_2"}
-    found = look(Log(good.time, columns, 2, "simulated"), arm.robot)
+    found = triage_for_robot(Log(good.time, columns, 2, "simulated"), arm.robot)
     assert found.refusals == () and any("a passive joint" in sentence for sentence in found.warnings)
 
 
 def test_a_log_and_its_hold_out_are_prepared_together(good: Log, arm: Arm) -> None:
     first, last = good.rows(0, 1800), good.rows(1800, 3000)
-    (log,), (held,), _, data = prepared(arm, [times(1e3, "motor_current_2")(first)], [dropped(0.03)(last)])
+    (log,), (held,), _, data = prepare_logs(arm, [times(1e3, "motor_current_2")(first)], [dropped(0.03)(last)])
     assert same(log, first) and len(held) < len(last)
     assert [(one["name"], one["joint"]) for one in data["repaired"]] == [("milliamperes", 2), ("dropped", 0)]
     assert data["rows"] == 1800 and data["dropped"] == 0 and data["refused"] == [] and data["lags"]
     assert any("3 % of the log" in sentence or "row(s) are missing" in sentence for sentence in data["warnings"])
     json.dumps(data, allow_nan=False)
     with pytest.raises(LogError, match="leave one of them out"):
-        prepared(arm, [first, first], [last])
+        prepare_logs(arm, [first, first], [last])
     with pytest.raises(LogError) as raised:
-        prepared(arm, [times(-1, "motor_position_1")(first)], [last.rows(0, 300)])
+        prepare_logs(arm, [times(-1, "motor_position_1")(first)], [last.rows(0, 300)])
     assert any("reversed" in problem for problem in raised.value.problems)
     assert any("lasts 0.299 s" in problem for problem in raised.value.problems)
 
@@ -294,15 +294,15 @@ def test_with_one_encoder_the_model_tells_a_stuck_one_and_an_input_that_is_missi
     encoder: str, good: Log, arm: Arm
 ) -> None:
     one = without(good, "motor_current", "joint_position" if encoder == "motor_position" else "motor_position")
-    assert repair(one, arm)[1] == []
+    assert repair_log(one, arm)[1] == []
     with pytest.raises(LogError, match="moves as only its drive can move it") as raised:
-        repair(times(0.0, "motor_current_command_1")(one), arm)
+        repair_log(times(0.0, "motor_current_command_1")(one), arm)
     assert "joint 2" not in str(raised.value)
     with pytest.raises(LogError, match=f"{encoder}_2 stays at .* times the dry friction") as raised:
-        repair(stuck(f"{encoder}_2")(one), arm)
+        repair_log(stuck(f"{encoder}_2")(one), arm)
     assert "joint 1" not in str(raised.value)
     braked = times(0.0, "motor_current_command_2")(stuck(f"{encoder}_2")(one))  # its drive is off
-    assert repair(braked, arm)[1] == []
+    assert repair_log(braked, arm)[1] == []
 
 
 def test_a_pendulum_that_swings_without_a_motor_is_not_refused(build: Callable) -> None:
@@ -315,9 +315,9 @@ def test_a_pendulum_that_swings_without_a_motor_is_not_refused(build: Callable) 
     position = np.round(x[:, swinging.index("joint_position_1")] / JOINT) * JOINT
     log = Log(time, {"motor_current_command_1": np.zeros(6000), "joint_position_1": position}, 1, "coasting")
     assert np.ptp(position) > 0.5
-    assert repair(log, swinging)[1] == []
+    assert repair_log(log, swinging)[1] == []
     with pytest.raises(LogError, match="moves as only its drive can move it"):
-        repair(changed(log, joint_position_1=np.round(0.3 * np.sin(15 * time) / JOINT) * JOINT), swinging)
+        repair_log(changed(log, joint_position_1=np.round(0.3 * np.sin(15 * time) / JOINT) * JOINT), swinging)
 
 
 def test_real_logs_are_neither_refused_nor_changed(data_dir: Path, build: Callable) -> None:
@@ -327,10 +327,12 @@ def test_real_logs_are_neither_refused_nor_changed(data_dir: Path, build: Callab
         pytest.skip("the logs of EMPS and of the double pendulum are not there")
     stage = Arm(build("emps").folder)
     for file, columns in (("DATA_EMPS", "columns"), ("DATA_EMPS_PULSES", "columns_pulses")):
-        assert repair(read(emps / f"{file}.mat", examples / "emps" / f"{columns}.toml"), stage)[1] == []
+        assert repair_log(read(emps / f"{file}.mat", examples / "emps" / f"{columns}.toml"), stage)[1] == []
     pendulum = Arm(build("dfki_1_1").folder)  # without friction and rotor inertia
     for path in sorted(dfki.glob("**/trajectory.csv")):
-        assert {one.name for one in repair(read(path, examples / "dfki" / "columns.toml"), pendulum)[1]} <= {"dropped"}
+        assert {one.name for one in repair_log(read(path, examples / "dfki" / "columns.toml"), pendulum)[1]} <= {
+            "dropped"
+        }
 
 
 @pytest.mark.campaign
@@ -363,7 +365,7 @@ def test_no_log_of_the_examples_is_refused(data_dir: Path, build: Callable, tmp_
     assert len(cases) >= 16 + 7 + 9 + 4 + 2 + 20
     for robot, path, map_ in cases:
         made = Arm(build(robot).folder)
-        assert {one.name for one in repair(read(path, map_, holes=True), made)[1]} <= {"dropped"}, path
+        assert {one.name for one in repair_log(read(path, map_, holes=True), made)[1]} <= {"dropped"}, path
 
 
 def test_the_noise_of_a_simulated_current_is_what_the_robot_file_says() -> None:
@@ -372,4 +374,4 @@ def test_the_noise_of_a_simulated_current_is_what_the_robot_file_says() -> None:
 
 def test_losing_many_rows_is_refused_before_anything_else(good: Log, arm: Arm) -> None:
     with pytest.raises(LogError, match="of the rows are missing"):
-        repair(dropped(0.15)(good), arm)
+        repair_log(dropped(0.15)(good), arm)

@@ -13,7 +13,7 @@ import pytest
 
 from hdagen.data_quality.finding import Severity
 from hdagen.data_quality.log_triage import Triage, triage
-from hdagen.log.channel_statistics import describe, noise, quantisation
+from hdagen.log.channel_statistics import compute_channel_statistics, estimate_noise, find_quantisation_step
 from hdagen.log.measured_log import Log, read, write
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
@@ -121,7 +121,7 @@ def test_a_triage_says_rate_steps_noise_and_lag(good: Log) -> None:
         assert found.lags[f"motor_current_{j}"] == pytest.approx(1e-3, abs=1e-4)
     words = "\n".join(found.words())
     assert "6000 rows" in words and "1000 Hz" in words and "motor_current_1 lags its command by 1 ms" in words
-    data = json.loads(json.dumps(found.data(), allow_nan=False))
+    data = json.loads(json.dumps(found.to_json(), allow_nan=False))
     assert data["rate"] == found.rate and data["channels"]["motor_current_1"]["noise"] > 0 and data["refused"] == []
 
 
@@ -129,8 +129,8 @@ def test_noise_is_told_from_a_moving_signal() -> None:
     time, random = np.arange(4000) * 1e-3, np.random.default_rng(2)
     signal = 8 * np.sin(2 * np.pi * 7 * time) + 3 * np.sin(2 * np.pi * 23 * time)
     for size in (1e-3, 1e-2, 1.0):
-        assert noise(signal + size * random.standard_normal(4000)) == pytest.approx(size, rel=0.2)
-    assert noise(np.zeros(100)) == 0.0
+        assert estimate_noise(signal + size * random.standard_normal(4000)) == pytest.approx(size, rel=0.2)
+    assert estimate_noise(np.zeros(100)) == 0.0
 
 
 @pytest.mark.parametrize("step", [1e-9, 6e-6, 0.0015, 1.0])
@@ -141,9 +141,9 @@ def test_steps_are_found_and_only_where_there_are_any(step: float, kind: type) -
     if kind is np.float32:
         counts = counts % 20000  # float32 has 24 bits
     values = np.asarray(step * counts, dtype=kind).astype(float)
-    assert quantisation(np.unique(values)) == pytest.approx(step, rel=1e-3)
-    assert quantisation(np.unique(random.standard_normal(5000))) == 0.0
-    assert quantisation(np.unique(np.sin(np.arange(5000) * 1e-3))) == 0.0
+    assert find_quantisation_step(np.unique(values)) == pytest.approx(step, rel=1e-3)
+    assert find_quantisation_step(np.unique(random.standard_normal(5000))) == 0.0
+    assert find_quantisation_step(np.unique(np.sin(np.arange(5000) * 1e-3))) == 0.0
 
 
 def shift(values: np.ndarray, rows: int) -> np.ndarray:
@@ -581,6 +581,6 @@ def test_a_still_joint_of_a_real_robot_is_not_accused(data_dir: Path, tmp_path: 
         )
         found = triage(read(path, columns), (100.0,))
         assert found.refusals == ()
-        moved = describe("q", read(path, columns)["joint_position_1"]).moves
+        moved = compute_channel_statistics("q", read(path, columns)["joint_position_1"]).is_moving
         assert moved == (f"joint_{joint}_" in path.name)
         assert ("still" in {f.name for f in found.findings}) != moved

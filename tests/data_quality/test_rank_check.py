@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from hdagen.arm.arrays import Array
-from hdagen.data_quality.finding import Machine
-from hdagen.data_quality.positions import skews
-from hdagen.data_quality.rank_check import is_determined, resolved_orders
-from hdagen.diagnosis.data.windows import _followed
+from hdagen.data_quality.finding import RobotFacts
+from hdagen.data_quality.positions import find_encoder_skews
+from hdagen.data_quality.rank_check import find_resolved_orders, is_determined
+from hdagen.diagnosis.data.windows import _measure_following_noise
 from hdagen.diagnosis.report import residual_maps
-from hdagen.diagnosis.residuals.localization import Trace
+from hdagen.diagnosis.residuals.localization import ResidualTrace
 from hdagen.diagnosis.search import ripple_order
-from hdagen.log.channel_statistics import describe
+from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
 
 TURN = 2 * np.pi
@@ -32,45 +32,49 @@ def test_a_fit_needs_several_rows_a_term() -> None:
 )
 def test_orders_are_fitted_to_whole_turns_with_rows_enough(turns: float, rows: int, finest: int) -> None:
     angle = 3.0 + turns * TURN * np.linspace(0, 1, rows) ** 1.1
-    assert resolved_orders(angle, range(1, 25)) == list(range(1, finest + 1))
+    assert find_resolved_orders(angle, range(1, 25)) == list(range(1, finest + 1))
 
 
 def test_orders_finer_than_what_was_not_seen_of_a_turn_are_left_out() -> None:
     angle = np.arange(0, 4 * TURN, 1e-3)
     seen = angle[np.mod(angle, TURN) > 0.5]  # a rush through half a radian of each turn
-    assert resolved_orders(seen, range(1, 25)) == list(range(1, 7))
+    assert find_resolved_orders(seen, range(1, 25)) == list(range(1, 7))
 
 
-def spun(turns: float) -> tuple[Any, Trace]:
+def spun(turns: float) -> tuple[Any, ResidualTrace]:
     """What is missing, 6 N m of noise with a slow course, of a motor that has gone so far."""
     rng, time = np.random.default_rng(1), np.linspace(0, 10, 5000)
     angle = turns * TURN * 0.5 * (1 - np.cos(time))
     missing = 6.0 * np.convolve(rng.normal(size=5049), np.ones(50) / 50**0.5, "valid")
     sight = SimpleNamespace(column=lambda name, joint: angle)
-    return sight, Trace("torque missing at motor 1", "N m", missing, missing, missing, np.ones(5000, bool))
+    return sight, ResidualTrace("torque missing at motor 1", "N m", missing, missing, missing, np.ones(5000, bool))
 
 
 def test_torque_by_order_is_left_out_below_one_turn_of_the_motor(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Array] = []
     monkeypatch.setattr(
-        residual_maps, "panels", lambda title, x, shown, **_: drawn.append(shown[0].series[0].y) or title
+        residual_maps, "draw_panels", lambda title, x, shown, **_: drawn.append(shown[0].series[0].y) or title
     )
     sight, seen = spun(1 / 6)
-    assert residual_maps._orders(sight, 1, seen) == []
+    assert residual_maps._plot_over_orders(sight, 1, seen) == []
     sight, seen = spun(3.0)
-    assert residual_maps._orders(sight, 1, seen) == ["Missing torque of joint 1 by order of the motor's angle"]
+    assert residual_maps._plot_over_orders(sight, 1, seen) == [
+        "Missing torque of joint 1 by order of the motor's angle"
+    ]
     assert len(drawn[0]) == 24 and drawn[0].max() < 6.0  # N m
 
 
 def test_a_ripple_is_sought_among_orders_of_which_a_cycle_was_run_through() -> None:
     angle = np.linspace(0.0, TURN / 6, 400)
     log = Log(1e-3 * np.arange(400), {"motor_position_1": angle}, 1, "made")
-    record = SimpleNamespace(log=log, edges=np.array([[k, k + 50] for k in range(0, 400, 50)]), kept=np.arange(8))
+    record = SimpleNamespace(
+        log=log, edges=np.array([[k, k + 50] for k in range(0, 400, 50)]), selected_windows=np.arange(8)
+    )
     arm = SimpleNamespace(parameters={"ratio_1": 1.0})
     shooting: Any = SimpleNamespace(record=record, arm=arm)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ripple_order, "knots", lambda _: 2)
-        tried, waves = ripple_order._waves(shooting, 1)
+        patch.setattr(ripple_order, "count_torque_steps", lambda _: 2)
+        tried, waves = ripple_order._mean_waves(shooting, 1)
     assert tried[0] == 6 and len(waves) == len(tried)
 
 
@@ -82,7 +86,7 @@ def test_a_sensor_of_torque_is_not_held_for_better_than_it_is_in_a_short_log(row
     beside = 0.5 * np.cos(TURN * 20.0 * time)
     command = rng.normal(size=rows)
     log = Log(time, {"motor_torque_command_1": command, "motor_torque_1": command + beside}, 1, "made")
-    told = _followed(log, "motor_torque_1", np.ones(rows, bool))
+    told = _measure_following_noise(log, "motor_torque_1", np.ones(rows, bool))
     assert told > 0.7 * np.std(beside)
 
 
@@ -91,5 +95,5 @@ def test_a_few_rows_tell_no_skew() -> None:
     angle = np.sin(9 * time)
     columns = {"motor_position_1": 100 * angle, "joint_position_1": np.sin(9 * (time - 0.01))}
     log = Log(time, columns, 1, "made")
-    channels = {name: describe(name, values) for name, values in columns.items()}
-    assert skews(log, channels, Machine((100.0,), {}, (None,), (None,), (False,)), [1]) == []
+    channels = {name: compute_channel_statistics(name, values) for name, values in columns.items()}
+    assert find_encoder_skews(log, channels, RobotFacts((100.0,), {}, (None,), (None,), (False,)), [1]) == []

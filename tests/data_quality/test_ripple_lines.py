@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hdagen.data_quality.finding import Finding, Machine
-from hdagen.data_quality.ripple_lines import cycles
-from hdagen.log.channel_statistics import describe
+from hdagen.data_quality.finding import Finding, RobotFacts
+from hdagen.data_quality.ripple_lines import find_ripple_lines
+from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
 
 NOISE = 0.01  # A
@@ -28,8 +28,8 @@ def found(
     kept = rng.random(len(time)) >= lost
     columns = {name: values[kept] for name, values in columns.items()}
     log = Log(time[kept], columns, 1, "made")
-    channels = {name: describe(name, values) for name, values in columns.items()}
-    return cycles(log, channels, Machine((100.0,), {}, (None,), (None,), (prismatic,)), [1])
+    channels = {name: compute_channel_statistics(name, values) for name, values in columns.items()}
+    return find_ripple_lines(log, channels, RobotFacts((100.0,), {}, (None,), (None,), (prismatic,)), [1])
 
 
 STEADY = np.full(6000, 40.0)
@@ -78,7 +78,7 @@ def test_by_chance_there_is_hardly_ever_one() -> None:
         speed = 40.0 + 20.0 * np.sin(np.linspace(0.0, rng.uniform(5, 20), 6000) + rng.uniform(0, 6))
         time, angle = 1e-3 * np.arange(6000), np.cumsum(speed) * 1e-3
         columns = {"motor_current_1": rng.standard_normal(6000), "motor_position_1": angle}
-        channels = {name: describe(name, values) for name, values in columns.items()}
-        machine = Machine((100.0,), {}, (None,), (None,), (False,))
-        seen += len(cycles(Log(time, columns, 1, "noise"), channels, machine, [1]))
+        channels = {name: compute_channel_statistics(name, values) for name, values in columns.items()}
+        machine = RobotFacts((100.0,), {}, (None,), (None,), (False,))
+        seen += len(find_ripple_lines(Log(time, columns, 1, "noise"), channels, machine, [1]))
     assert seen <= 2

@@ -14,10 +14,10 @@ from damage import changed, dropped, kept, times, without, wrapped
 from replayed import JOINT, MOTOR, NOISE, simulated
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.data_quality.log_preparation import prepared
-from hdagen.data_quality.shared_motion import shared_motion
-from hdagen.diagnosis.data.split import part
-from hdagen.log.channel_statistics import describe
+from hdagen.data_quality.log_preparation import prepare_logs
+from hdagen.data_quality.shared_motion import find_shared_motion
+from hdagen.diagnosis.data.split import split_logs
+from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log, read
 
@@ -46,7 +46,7 @@ SHARED: dict[str, Callable[[Log], Log]] = {
 @pytest.mark.parametrize("what", SHARED)
 def test_a_hold_out_whose_rows_are_the_logs_is_refused(what: str, good: Log, arm: Arm) -> None:
     with pytest.raises(LogError, match="the hold-out is the log itself or a part of it") as raised:
-        prepared(arm, [good], [SHARED[what](good)])
+        prepare_logs(arm, [good], [SHARED[what](good)])
     assert len(raised.value.problems) == 1 and raised.value.problems[0].endswith("give another motion.")
 
 
@@ -55,14 +55,14 @@ def test_of_a_hold_out_that_holds_the_log_what_is_more_is_left(what: str, good: 
     log = SHARED[what](good)
     if "its end" not in what:
         with pytest.raises(LogError, match="the hold-out is the log itself or a part of it"):
-            prepared(arm, [log], [good])
+            prepare_logs(arm, [log], [good])
         return
-    _, (held,), (all_, fresh), data = prepared(arm, [log], [good])
+    _, (held,), (all_, fresh), data = prepare_logs(arm, [log], [good])
     (said,) = (one for one in data["repaired"] if one["name"] == "shared")
     end = 1200 if "third" in what else 1800
     assert all_.all() and fresh[: end - 20].all() and not fresh[end + 4 : -4].any()
     assert "are the same motion, from 1." in said["what"] and len(held) == len(good)
-    shown, counted = part([log], [held], [all_, fresh])
+    shown, counted = split_logs([log], [held], [all_, fresh])
     assert shown.rows.all() and (counted.rows == fresh).all()
 
 
@@ -77,11 +77,11 @@ def test_rows_that_two_logs_share_are_left_out_and_the_rest_is_the_hold_out(arm:
         alike[name] = np.round(alike[name] / step) * step
     both = Log(log.time, alike, 2, "held")
     for one, other in ((log, both), (kept(log, np.arange(len(log)) % 2 == 0), both)):
-        _, _, (_, fresh), data = prepared(arm, [one], [other])
+        _, _, (_, fresh), data = prepare_logs(arm, [one], [other])
         assert not fresh[2:170].any() and fresh[350:].all()
         assert [each["name"] for each in data["repaired"]] == ["shared"]
-    _, _, (first, second), _ = prepared(arm, [log, both], [])
-    shown, counted = part([log, both], [], [first, second])
+    _, _, (first, second), _ = prepare_logs(arm, [log, both], [])
+    shown, counted = split_logs([log, both], [], [first, second])
     assert first.all() and not (shown.rows | counted.rows)[len(log) + 2 : len(log) + 170].any()  # they count once
     assert not (shown.rows & counted.rows).any()
 
@@ -101,14 +101,16 @@ def test_another_recording_of_the_same_motion_is_a_hold_out(good: Log, arm: Arm)
             columns[name] = columns[name] + NOISE * rng.standard_normal(len(log))
         return Log(log.time, columns, log.n_joints, log.source)
 
-    prepared(arm, [rested(good, 0.0)], [rested(good, 1.0)])
+    prepare_logs(arm, [rested(good, 0.0)], [rested(good, 1.0)])
     with pytest.raises(LogError, match="the hold-out is the log itself"):
-        prepared(arm, [rested(good, 0.0)], [rested(good, 0.0)])
+        prepare_logs(arm, [rested(good, 0.0)], [rested(good, 0.0)])
 
 
 def test_a_joint_that_is_held_at_zero_hides_no_shared_recording(good: Log) -> None:
     held = changed(good, motor_position_2=np.zeros(len(good)), joint_position_2=np.zeros(len(good)))
-    assert shared_motion(held, held.rows(1800, 3000), {"motor_position_1": MOTOR / 4, "joint_position_1": JOINT / 4})
+    assert find_shared_motion(
+        held, held.rows(1800, 3000), {"motor_position_1": MOTOR / 4, "joint_position_1": JOINT / 4}
+    )
 
 
 def test_no_made_log_is_taken_for_its_hold_out(data_dir: Path) -> None:
@@ -117,9 +119,12 @@ def test_no_made_log_is_taken_for_its_hold_out(data_dir: Path) -> None:
         pytest.skip("there are no made logs")
     for path in paths:
         log, held = (read(path.with_name(name), joints=2) for name in ("log.parquet", "hold_out.parquet"))
-        noise = {channel.name: channel.noise for channel in map(describe, log.columns, log.columns.values())}
-        assert not shared_motion(log, held, noise), path
-        assert shared_motion(log, log.rows(4000, len(log)), noise), path
+        noise = {
+            channel.name: channel.noise
+            for channel in map(compute_channel_statistics, log.columns, log.columns.values())
+        }
+        assert not find_shared_motion(log, held, noise), path
+        assert find_shared_motion(log, log.rows(4000, len(log)), noise), path
 
 
 def test_a_shared_recording_is_looked_for_quickly() -> None:
@@ -136,12 +141,12 @@ def test_a_shared_recording_is_looked_for_quickly() -> None:
     noise = dict.fromkeys(pair[0].columns, JOINT / 4)
 
     def looked() -> None:
-        assert not shared_motion(pair[0], pair[1], noise)
+        assert not find_shared_motion(pair[0], pair[1], noise)
 
     def described() -> None:
         for log in pair:
             for name, values in log.columns.items():
-                describe(name, values)
+                compute_channel_statistics(name, values)
 
     assert lasts(looked) < 4 * lasts(described)
 

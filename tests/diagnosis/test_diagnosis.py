@@ -13,18 +13,23 @@ import scipy.stats
 from hdagen.__main__ import main
 from hdagen.adoption import verdict
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.inference.linear_gaussian import Gram, Linear
-from hdagen.diagnosis.inference.marginal_likelihood import gain, large, posterior, settled
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel
+from hdagen.diagnosis.inference.marginal_likelihood import (
+    compute_evidence_gain,
+    compute_presence_probability,
+    solve_at_scales,
+    solve_with_scales,
+)
 from hdagen.log.measured_log import write
 
 
-def problem(rng: np.random.Generator, windows: int = 3) -> tuple[Linear, list[Array], int, int, int]:
+def problem(rng: np.random.Generator, windows: int = 3) -> tuple[LinearModel, list[Array], int, int, int]:
     """A linear model of small windows with its blocks [S | B | J | r]."""
     m, k, many, rows = 2, 3, 4, 20
     blocks = [rng.normal(size=(rows, m + k + many + 1)) for _ in range(windows)]
-    gram = Gram(np.stack([b[:, :-1].T @ b[:, :-1] for b in blocks]), m, k)
+    gram = CrossProducts(np.stack([b[:, :-1].T @ b[:, :-1] for b in blocks]), m, k)
     z, r2 = np.stack([b[:, :-1].T @ b[:, -1] for b in blocks]), np.array([b[:, -1] @ b[:, -1] for b in blocks])
-    return Linear(gram, z, r2, np.full(windows, rows), np.zeros(many)), blocks, m, k, many
+    return LinearModel(gram, z, r2, np.full(windows, rows), np.zeros(many)), blocks, m, k, many
 
 
 def dense(blocks: list[Array], m: int, k: int, s: float, kappa2: Array, v: Array) -> float:
@@ -49,10 +54,10 @@ def test_the_evidence_is_that_of_the_dense_gaussian(s: float, scales: tuple[floa
     spike, free = np.full(many, 0.2), np.array([1, 3])
     wide = spike.copy()
     wide[free] = 1.0
-    at = posterior(linear.reduced(s), spike, s, kappa2)
+    at = solve_at_scales(linear.normal_equations(s), spike, s, kappa2)
     truth = dense(blocks, m, k, s, kappa2, wide) - dense(blocks, m, k, s, kappa2, spike)
-    assert gain(at, spike, free) == pytest.approx(truth, rel=1e-9)
-    other = posterior(linear.reduced(0.0), spike, 0.0, noise)
+    assert compute_evidence_gain(at, spike, free) == pytest.approx(truth, rel=1e-9)
+    other = solve_at_scales(linear.normal_equations(0.0), spike, 0.0, noise)
     apart = dense(blocks, m, k, s, kappa2, spike) - dense(blocks, m, k, 0.0, noise, spike)
     assert at.evidence - other.evidence == pytest.approx(apart, rel=1e-9, abs=1e-9)
 
@@ -62,29 +67,37 @@ def test_how_large_an_effect_is_likely_is_that_of_the_posterior_in_which_it_is_f
     """Against draws; columns that the log hardly tells (small ``scale``) are as large as their prior says."""
     linear, _, _, _, many = problem(np.random.default_rng(3))
     size = np.append(np.ones(5), np.full(many, scale))
-    gram = Gram(np.stack([np.outer(size, size) * products for products in linear.gram.products]), 2, 3)
-    linear = Linear(gram, linear.z * size, linear.r2, linear.rows, np.zeros(many))
+    gram = CrossProducts(
+        np.stack([np.outer(size, size) * products for products in linear.cross_products.products]), 2, 3
+    )
+    linear = LinearModel(gram, linear.z * size, linear.r2, linear.rows, np.zeros(many))
     spike, free, kappa2 = np.full(many, 0.2), np.array([1]), np.ones(3)
     wide = spike.copy()
     wide[free] = 1.0
     ends = np.full(many, -5.0), np.array([5.0, 0.6, 5.0, 5.0])
-    exact = posterior(linear.reduced(0.3), wide, 0.3, kappa2)
+    exact = solve_at_scales(linear.normal_equations(0.3), wide, 0.3, kappa2)
     drawn = np.random.default_rng(1).normal(exact.mean[1], np.sqrt(exact.covariance[1, 1]), 200_000)
     drawn = drawn[(drawn > -5.0) & (drawn < 0.6)]
-    at = posterior(linear.reduced(0.3), spike, 0.3, kappa2)
-    assert large(at, spike, free, 0.3, ends) == pytest.approx(np.mean(np.abs(drawn) >= 0.3), abs=0.005)
+    at = solve_at_scales(linear.normal_equations(0.3), spike, 0.3, kappa2)
+    assert compute_presence_probability(at, spike, free, 0.3, ends) == pytest.approx(
+        np.mean(np.abs(drawn) >= 0.3), abs=0.005
+    )
     if scale < 0.01:
         prior = scipy.stats.truncnorm(-5.0, 0.6)
-        assert large(at, spike, free, 0.3, ends) == pytest.approx(1 - prior.cdf(0.3) + prior.cdf(-0.3), abs=0.005)
-    both = large(at, spike, np.array([0, 2]), 0.3, ends)  # each by itself: no less than the larger of them alone
-    assert both >= max(large(at, spike, np.array([k]), 0.3, ends) for k in (0, 2)) - 0.1
+        assert compute_presence_probability(at, spike, free, 0.3, ends) == pytest.approx(
+            1 - prior.cdf(0.3) + prior.cdf(-0.3), abs=0.005
+        )
+    both = compute_presence_probability(
+        at, spike, np.array([0, 2]), 0.3, ends
+    )  # each by itself: no less than the larger of them alone
+    assert both >= max(compute_presence_probability(at, spike, np.array([k]), 0.3, ends) for k in (0, 2)) - 0.1
 
 
 @pytest.mark.parametrize("s", [0.0, 0.3])
 def test_first_states_and_torques_are_those_of_ridge_regression(s: float) -> None:
     linear, blocks, m, k, many = problem(np.random.default_rng(4))
     theta = np.random.default_rng(5).normal(size=many)
-    begun, torque = linear.inner(s, theta)
+    begun, torque = linear.solve_inner(s, theta)
     for w, b in enumerate(blocks):
         left, inner = b[:, -1] - b[:, m + k : -1] @ theta, b[:, : m + k]
         ridge = np.diag([0.0] * m + [1.0 / s**2 if s else 1e20] * k)
@@ -96,23 +109,26 @@ def test_first_states_and_torques_are_those_of_ridge_regression(s: float) -> Non
 def test_the_most_probable_within_bounds_is_that_of_bounded_least_squares(seed: int) -> None:
     rng = np.random.default_rng(seed)
     linear, _, _, _, many = problem(rng)
-    reduced, prior, kappa2 = linear.reduced(0.3), rng.uniform(0.1, 1.0, many), rng.uniform(1.0, 9.0, 3)
+    reduced, prior, kappa2 = linear.normal_equations(0.3), rng.uniform(0.1, 1.0, many), rng.uniform(1.0, 9.0, 3)
     low, high = np.array([-np.inf, -0.01, 0.0, 0.0]), np.array([0.0, 0.01, np.inf, 0.0])
     H = (reduced.N / kappa2[:, None, None]).sum(0) + np.diag(1.0 / prior**2)
     root, sought = np.linalg.cholesky(H).T, (reduced.b / kappa2[:, None]).sum(0)
     truth = scipy.optimize.lsq_linear(root, np.linalg.solve(root.T, sought), (low - 1e-12, high + 1e-12), tol=1e-14).x
-    at = posterior(reduced, prior, 0.3, kappa2, (low, high))
+    at = solve_at_scales(reduced, prior, 0.3, kappa2, (low, high))
     np.testing.assert_allclose(at.mean, truth, atol=1e-7)
-    assert at.evidence <= posterior(reduced, prior, 0.3, kappa2).evidence
+    assert at.evidence <= solve_at_scales(reduced, prior, 0.3, kappa2).evidence
     far = np.full(many, 1e9)
-    free, loose = posterior(reduced, prior, 0.3, kappa2), posterior(reduced, prior, 0.3, kappa2, (-far, far))
+    free, loose = (
+        solve_at_scales(reduced, prior, 0.3, kappa2),
+        solve_at_scales(reduced, prior, 0.3, kappa2, (-far, far)),
+    )
     assert loose.evidence == free.evidence and np.array_equal(loose.mean, free.mean)
 
 
 def test_what_windows_leave_at_theta_is_that_of_least_squares() -> None:
     linear, blocks, m, k, many = problem(np.random.default_rng(7))
     theta = np.random.default_rng(8).normal(size=many)
-    left = linear.reduced(0.0).chi2(theta)
+    left = linear.normal_equations(0.0).chi2(theta)
     for w, b in enumerate(blocks):
         r = b[:, -1] - b[:, m + k : -1] @ theta
         best = np.linalg.lstsq(b[:, :m], r, rcond=None)[0]
@@ -128,13 +144,13 @@ def test_windows_that_no_parameter_explains_do_not_bend_what_the_others_say() ->
         columns = rng.normal(size=(rows, m + k + many))
         burst = 300.0 * columns[:, m + k] if w % 10 == 0 else 0.0
         blocks.append(np.column_stack([columns, columns[:, m + k :] @ truth + burst + rng.normal(size=rows)]))
-    gram = Gram(np.stack([b[:, :-1].T @ b[:, :-1] for b in blocks]), m, k)
+    gram = CrossProducts(np.stack([b[:, :-1].T @ b[:, :-1] for b in blocks]), m, k)
     z, r2 = np.stack([b[:, :-1].T @ b[:, -1] for b in blocks]), np.array([b[:, -1] @ b[:, -1] for b in blocks])
-    linear, prior = Linear(gram, z, r2, np.full(windows, rows), np.zeros(many)), np.full(many, 10.0)
-    at = settled(linear, prior, 0.0)
+    linear, prior = LinearModel(gram, z, r2, np.full(windows, rows), np.zeros(many)), np.full(many, 10.0)
+    at = solve_with_scales(linear, prior, 0.0)
     assert np.all(np.abs(at.mean[1:] - truth[1:]) < 3.5 * np.sqrt(np.diag(at.covariance))[1:])
     assert np.all(at.kappa2[::10] > 100.0) and np.all(at.kappa2[1:10] == 1.0)
-    plain = posterior(linear.reduced(0.0), prior, 0.0, np.ones(windows))
+    plain = solve_at_scales(linear.normal_equations(0.0), prior, 0.0, np.ones(windows))
     assert abs(plain.mean[0] - truth[0]) > 10.0 > 50.0 * abs(at.mean[0] - truth[0])
     assert at.evidence > plain.evidence
 
@@ -167,7 +183,7 @@ def test_a_made_log_names_its_effect_and_closes_the_gap(data_dir: Path, tmp_path
     assert found["verdict"] == ["coulomb_friction@2"]
     assert found["gap"]["after"] < 0.1 * found["gap"]["before"]
     assert sum(h["probability"] for h in found["hypotheses"]) == pytest.approx(1.0)
-    assert verdict.read(found).effects[0].name == "coulomb_friction"
+    assert verdict.read_verdict(found).effects[0].name == "coulomb_friction"
     gap, alone = found["gap"], [rung["gap"] for rung in found["ladder"] if not rung["effects"]]
     assert gap["achievable"] <= min(one["gap"] for one in (*found["ladder"], *found["tolerated"]))
     assert gap["achievable"] <= gap["flexible"] <= min(alone)

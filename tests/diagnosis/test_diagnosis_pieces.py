@@ -10,18 +10,28 @@ import numpy as np
 import pytest
 from test_diagnosis import problem
 
-from hdagen.diagnosis.decision.identifiability import Told
-from hdagen.diagnosis.decision.wrong_robot import foreign
-from hdagen.diagnosis.inference.candidate_priors import PRESENT, SHARES, Atom, Column, Dictionary
-from hdagen.diagnosis.inference.gauss_newton import prior_widths
-from hdagen.diagnosis.inference.linear_gaussian import Gram, Linear, Summed
-from hdagen.diagnosis.inference.marginal_likelihood import laplace, settled
-from hdagen.diagnosis.inference.sensitivities import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
-from hdagen.diagnosis.initialization.encoder_regression import _bounds, _regressed, _walls, _zeroed
+from hdagen.diagnosis.decision.identifiability import Identifiability
+from hdagen.diagnosis.decision.wrong_robot import refuse_wrong_robot
+from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE, SPIKE_SCALES, Candidate, CandidateSet, Column
+from hdagen.diagnosis.inference.gauss_newton import compute_hypothesis_widths
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel, TotalNormalEquations
+from hdagen.diagnosis.inference.marginal_likelihood import apply_laplace, solve_with_scales
+from hdagen.diagnosis.inference.sensitivities import (
+    FEWEST_ROWS_OF_STEP,
+    FEWEST_TORQUE_STEPS,
+    TORQUE_STEPS,
+    count_torque_steps,
+)
+from hdagen.diagnosis.initialization.encoder_regression import (
+    _coefficient_bounds,
+    _find_walls,
+    _regress_robustly,
+    _split_encoder_bias,
+)
 from hdagen.diagnosis.search import fit_order, hypothesis_search
-from hdagen.diagnosis.search.fit_order import bared, first_whole
-from hdagen.diagnosis.search.hypothesis_search import BRIM, _brimming
-from hdagen.support.heap_memory import kept
+from hdagen.diagnosis.search.fit_order import drop_columns, first_with_columns
+from hdagen.diagnosis.search.hypothesis_search import AT_BOUND_DEVIATIONS, _find_at_bound
+from hdagen.support.heap_memory import tune_malloc
 
 
 def described(**parameters: float) -> Any:
@@ -44,15 +54,23 @@ def described(**parameters: float) -> Any:
 )
 def test_a_robot_file_far_outside_its_tolerances_is_refused(off: list[float], named: list[int], refused: bool) -> None:
     names = ["mass_1", "inertia_2", "torque_constant_1", "coulomb_friction_2"]
-    columns = [SimpleNamespace(parameter=n, base=True, atom=k, spike=0.5) for k, n in enumerate(names)]
-    columns.append(SimpleNamespace(parameter="ripple_order_1", base=True, atom=-1, spike=1e-9))  # a shape
+    columns = [
+        SimpleNamespace(parameter=n, in_every_hypothesis=True, candidate=k, spike_width=0.5)
+        for k, n in enumerate(names)
+    ]
+    columns.append(
+        SimpleNamespace(parameter="ripple_order_1", in_every_hypothesis=True, candidate=-1, spike_width=1e-9)
+    )  # a shape
     described = {n: SimpleNamespace(tolerance=0.05 * (n in names)) for n in [*names, "ripple_order_1"]}
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
-    design = SimpleNamespace(words=SimpleNamespace(columns=columns), shooting=SimpleNamespace(arm=arm))
+    design = SimpleNamespace(candidates=SimpleNamespace(columns=columns), shooting=SimpleNamespace(arm=arm))
     best: Any = SimpleNamespace(
-        design=design, posterior=(np.array([0.5 * z for z in off] + [1.0]), None), atoms=named, names=("payload@2",)
+        sensitivities=design,
+        posterior=(np.array([0.5 * z for z in off] + [1.0]), None),
+        effects=named,
+        names=("payload@2",),
     )
-    said = foreign(best)
+    said = refuse_wrong_robot(best)
     assert (said is not None) == refused
     if said:
         assert "mass_1 by 4.3" in said and "payload@2" in said
@@ -62,35 +80,35 @@ def test_a_robot_file_far_outside_its_tolerances_is_refused(off: list[float], na
 
 
 def test_what_the_robot_files_tolerance_allows_is_no_effect() -> None:
-    atoms = tuple(Atom("payload", j, "link", (f"payload_mass_{j}",), {}, True) for j in (1, 2))
+    atoms = tuple(Candidate("payload", j, "link", (f"payload_mass_{j}",), {}, True) for j in (1, 2))
     columns = tuple(
         Column(atom.amplitudes[0], k, 0.0, 1.0, spike, k, True)
-        for k, (atom, spike) in enumerate(zip(atoms, (SHARES[0], 0.34), strict=True))
+        for k, (atom, spike) in enumerate(zip(atoms, (SPIKE_SCALES[0], 0.34), strict=True))
     )
-    words = Dictionary(atoms, columns)
-    assert (words.counts(0), words.counts(1)) == (PRESENT, pytest.approx(0.68))
+    words = CandidateSet(atoms, columns)
+    assert (words.presence_threshold(0), words.presence_threshold(1)) == (PRESENT_SIZE, pytest.approx(0.68))
 
 
 @pytest.mark.parametrize("unit, width", [("N m/rad", 90.0), ("N m s/rad", 90.0), ("N m", 1.0), ("1", 1.0)])
 def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width: float) -> None:
     words = SimpleNamespace(
-        spike=np.full(2, SHARES[0]),
+        spike_widths=np.full(2, SPIKE_SCALES[0]),
         columns=[SimpleNamespace(index=0), SimpleNamespace(index=1)],
         free=lambda atoms: np.array([1]),
         theta=lambda p: np.array([3.0, 90.0]),
     )
     described = {name: SimpleNamespace(name=name, unit=u) for name, u in {"mass_1": "kg", "amplitude": unit}.items()}
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
-    at: Any = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(2)))
-    np.testing.assert_allclose(prior_widths(at, (0,)), [SHARES[0], width])
+    at: Any = SimpleNamespace(candidates=words, shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(2)))
+    np.testing.assert_allclose(compute_hypothesis_widths(at, (0,)), [SPIKE_SCALES[0], width])
 
 
 def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
     """A fit that lost its columns early may be better than all that kept theirs."""
     lost, kept, other = (SimpleNamespace(whole=whole, bare=lambda: "bare") for whole in (False, True, True))
     fits: Any = [lost, kept, other]
-    assert first_whole(fits) is kept  # type: ignore[comparison-overlap]
-    assert bared(fits) == ["bare", kept, "bare"]  # type: ignore[comparison-overlap]
+    assert first_with_columns(fits) is kept  # type: ignore[comparison-overlap]
+    assert drop_columns(fits) == ["bare", kept, "bare"]  # type: ignore[comparison-overlap]
 
 
 def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,16 +140,16 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
         moved.append(one.atoms)
         return fit(one.atoms, min(one.score.evidence + 2.0, ends[one.atoms]))
 
-    monkeypatch.setattr(hypothesis_search, "advanced", step)
+    monkeypatch.setattr(hypothesis_search, "advance_fit", step)
     lead, none, far = fit((1,), -104.0), fit((), -108.0), fit((2,), -130.0)
-    found = hypothesis_search._contested([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
-    assert [(f.atoms, f.score.evidence) for f in found] == [((), -100), ((1,), -103), ((), -112), ((2,), -130)]
+    found = hypothesis_search._settle_close_calls([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
+    assert [(f.effects, f.score.evidence) for f in found] == [((), -100), ((1,), -103), ((), -112), ((2,), -130)]
     assert set(moved) == {(), (1,)}
-    assert hypothesis_search._contested([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
+    assert hypothesis_search._settle_close_calls([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
     bare: Any = Fit(atoms=(3,), score=SimpleNamespace(evidence=-101.0), reached=-101.0, whole=False, stands=True)
-    monkeypatch.setattr(hypothesis_search, "again", lambda one, words: fit(one.atoms, one.score.evidence))
-    monkeypatch.setattr(hypothesis_search, "advanced", lambda one, words: one)
-    assert first_whole(hypothesis_search._contested([far, lead, bare], None, print)).atoms == (3,)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_search, "restore_columns", lambda one, words: fit(one.atoms, one.score.evidence))
+    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: one)
+    assert first_with_columns(hypothesis_search._settle_close_calls([far, lead, bare], None, print)).effects == (3,)  # type: ignore[arg-type]
 
 
 def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,20 +162,20 @@ def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatc
         return one
 
     went: list[float] = []
-    monkeypatch.setattr(hypothesis_search, "_on", lambda one, *_: went.append(one.reached) or one)
+    monkeypatch.setattr(hypothesis_search, "_continue_fit", lambda one, *_: went.append(one.reached) or one)
     both = [fit((1, 2), -100.0), fit((2, 1), -101.0), fit((1,), -106.0), fit((1, 2, 3), -109.0), fit((4,), -117.0)]
-    hypothesis_search._contested(both, None, lambda word: None)  # type: ignore[arg-type]
+    hypothesis_search._settle_close_calls(both, None, lambda word: None)  # type: ignore[arg-type]
     assert sorted(went) == [-106.0, -100.0]
 
 
 def test_where_no_effect_tells_anything_no_second_one_is_looked_for() -> None:
     def fits(none: float, best: float) -> Any:
         pairs = (((), none), ((1,), best))
-        return [SimpleNamespace(atoms=atoms, clean=0.0, reached=-lacks) for atoms, lacks in pairs]
+        return [SimpleNamespace(effects=atoms, noise_only_evidence=0.0, reached=-lacks) for atoms, lacks in pairs]
 
-    assert fit_order.is_beyond(fits(1300.0, 1240.0))
-    assert not fit_order.is_beyond(fits(1300.0, 900.0))  # it tells a third
-    assert not fit_order.is_beyond(fits(400.0, 390.0))  # little is left to be told at all
+    assert fit_order.is_beyond_known_effects(fits(1300.0, 1240.0))
+    assert not fit_order.is_beyond_known_effects(fits(1300.0, 900.0))  # it tells a third
+    assert not fit_order.is_beyond_known_effects(fits(400.0, 390.0))  # little is left to be told at all
 
 
 # -- what a motion tells ----------------------------------------------------------------------------------------------
@@ -170,25 +188,29 @@ def test_what_does_not_show_is_unseen_and_what_looks_alike_stands_beside() -> No
     own, other, first = rng.normal(size=(3, rows))
     J = np.stack([30 * own, 30 * own + 0.5 * rng.normal(size=rows), 1e-3 * own, 30 * other])
     block = np.vstack([first, J])
-    linear = Linear(Gram((block @ block.T)[None], 1, 0), np.zeros((1, 5)), np.zeros(1), np.array([rows]), np.zeros(4))
+    linear = LinearModel(
+        CrossProducts((block @ block.T)[None], 1, 0), np.zeros((1, 5)), np.zeros(1), np.array([rows]), np.zeros(4)
+    )
     words = SimpleNamespace(
-        spike=np.full(4, 0.05),
-        atoms=[SimpleNamespace(name=name) for name in names],
+        spike_widths=np.full(4, 0.05),
+        members=[SimpleNamespace(name=name) for name in names],
         columns=[SimpleNamespace(atom=k) for k in range(4)],
     )
-    design = SimpleNamespace(words=words, linear=lambda: linear, widened=lambda places: design)
+    design = SimpleNamespace(candidates=words, linear=lambda: linear, widened=lambda places: design)
     score = SimpleNamespace(at=SimpleNamespace(s=0.0, kappa2=np.ones(1)))
-    fit: Any = SimpleNamespace(score=score, design=design, posterior=(np.array([0.8, 0.0, 0.0, 1.0]), None))
-    told = Told(fit, 12.0)
-    assert told.unseen() == ["backlash@2"]
-    assert told.beside("payload@1") == ["torque_constant@1"]
-    assert told.beside("contact@2") == []
-    assert set(Told(fit, 1e7).unseen()) == set(names)  # a log that counts for nothing shows nothing
+    fit: Any = SimpleNamespace(score=score, sensitivities=design, posterior=(np.array([0.8, 0.0, 0.0, 1.0]), None))
+    told = Identifiability(fit, 12.0)
+    assert told.find_undetectable() == ["backlash@2"]
+    assert told.find_confusable("payload@1") == ["torque_constant@1"]
+    assert told.find_confusable("contact@2") == []
+    assert set(Identifiability(fit, 1e7).find_undetectable()) == set(
+        names
+    )  # a log that counts for nothing shows nothing
     J[2] = 30 * rng.normal(size=rows)  # what the third does in its whole size
     block = np.vstack([first, J])
-    wide = replace(linear, gram=Gram((block @ block.T)[None], 1, 0))
-    design.widened = lambda places: SimpleNamespace(words=words, linear=lambda: wide) if places == [2] else None
-    assert Told(fit, 12.0).unseen() == []
+    wide = replace(linear, cross_products=CrossProducts((block @ block.T)[None], 1, 0))
+    design.widened = lambda places: SimpleNamespace(candidates=words, linear=lambda: wide) if places == [2] else None
+    assert Identifiability(fit, 12.0).find_undetectable() == []
 
 
 # -- steps ------------------------------------------------------------------------------------------------------------
@@ -196,31 +218,40 @@ def test_what_does_not_show_is_unseen_and_what_looks_alike_stands_beside() -> No
 
 def test_a_step_is_held_near_where_it_begins_and_free_without_a_reach() -> None:
     linear, _, _, _, many = problem(np.random.default_rng(8))
-    linear = Linear(linear.gram, linear.z, linear.r2, linear.rows, np.linspace(-0.5, 0.5, many))
+    linear = LinearModel(linear.cross_products, linear.z, linear.r2, linear.rows, np.linspace(-0.5, 0.5, many))
     prior = np.full(many, 0.3)
-    free = settled(linear, prior, 0.3).mean
-    ways = [float(np.linalg.norm(settled(linear, prior, 0.3, None, r).mean - linear.theta)) for r in (1e-4, 0.1, 1, 10)]
+    free = solve_with_scales(linear, prior, 0.3).mean
+    ways = [
+        float(np.linalg.norm(solve_with_scales(linear, prior, 0.3, None, r).mean - linear.theta))
+        for r in (1e-4, 0.1, 1, 10)
+    ]
     assert ways == sorted(ways) and ways[0] < 1e-3
-    np.testing.assert_allclose(settled(linear, prior, 0.3, None, 1e4).mean, free, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(solve_with_scales(linear, prior, 0.3, None, 1e4).mean, free, rtol=1e-4, atol=1e-6)
 
 
 def test_a_held_step_stays_within_bounds() -> None:
     linear, _, _, _, many = problem(np.random.default_rng(9))
     bounds = np.full(many, -0.01), np.full(many, 0.02)
     for reach in (0.1, 1.0, np.inf):
-        mean = settled(linear, np.full(many, 1.0), 0.3, bounds, reach).mean
+        mean = solve_with_scales(linear, np.full(many, 1.0), 0.3, bounds, reach).mean
         assert (mean >= -0.01 - 1e-12).all() and (mean <= 0.02 + 1e-12).all()
 
 
 @pytest.mark.parametrize(
     "joints, flexible, rows, expected",
-    [(1, 0, 50, STEPS), (1, 1, 50, STEPS // 2), (2, 2, 50, STEPS // 4), (6, 6, 50, FEWEST_STEPS), (1, 0, 25, 25 // 3)],
+    [
+        (1, 0, 50, TORQUE_STEPS),
+        (1, 1, 50, TORQUE_STEPS // 2),
+        (2, 2, 50, TORQUE_STEPS // 4),
+        (6, 6, 50, FEWEST_TORQUE_STEPS),
+        (1, 0, 25, 25 // 3),
+    ],
 )
 def test_few_joints_get_more_steps_of_unexplained_torque(joints: int, flexible: int, rows: int, expected: int) -> None:
     arm = SimpleNamespace(n=joints, manifest={"flexible": list(range(1, flexible + 1))})
     record = SimpleNamespace(starts=np.array([0, rows]), ends=np.array([rows, 2 * rows]))
-    found = knots(SimpleNamespace(arm=arm, record=record))  # type: ignore[arg-type]
-    assert found == expected and found * FEWEST_ROWS <= max(rows, FEWEST_STEPS * FEWEST_ROWS)
+    found = count_torque_steps(SimpleNamespace(arm=arm, record=record))  # type: ignore[arg-type]
+    assert found == expected and found * FEWEST_ROWS_OF_STEP <= max(rows, FEWEST_TORQUE_STEPS * FEWEST_ROWS_OF_STEP)
 
 
 # -- what the torsion shows -------------------------------------------------------------------------------------------
@@ -234,7 +265,7 @@ def test_a_wall_is_read_off_where_it_stands(sign: float, stiffness: float) -> No
     depth = np.maximum(sign * angle - 0.42, 0.0)
     torque = sign * stiffness * depth + np.random.default_rng(1).normal(0, 0.02, 8000)
     torque[::7] *= 0.3  # bounces that the smoothed motion gets wrong
-    sizes, shapes = _walls(arm, 1, angle, torque)
+    sizes, shapes = _find_walls(arm, 1, angle, torque)
     side = "above" if sign > 0 else "below"
     assert list(sizes) == [f"contact_stiffness_{side}_1"] and list(shapes) == [f"contact_{side}_1"]
     assert sizes[f"contact_stiffness_{side}_1"] == pytest.approx(stiffness, rel=0.35)
@@ -248,7 +279,7 @@ def test_a_hard_wall_against_which_an_arm_rests_is_read_off_where_it_begins() ->
     into = np.r_[np.linspace(0.4, 0.424, 12), np.full(380, 0.424), np.linspace(0.424, 0.4, 12)]
     angle = np.concatenate([free, into + np.random.default_rng(3).normal(0, 1e-6, len(into))])
     torque = 2e4 * np.maximum(angle - 0.42, 0.0) + np.random.default_rng(1).normal(0, 0.5, len(angle))
-    sizes, shapes = _walls(arm, 1, angle, torque)
+    sizes, shapes = _find_walls(arm, 1, angle, torque)
     assert shapes["contact_above_1"] == pytest.approx(0.42, abs=5e-4)
     assert sizes["contact_stiffness_above_1"] == pytest.approx(2e4, rel=0.1)
 
@@ -264,13 +295,13 @@ def test_the_torque_of_a_wall_is_not_told_by_a_bias_and_the_arc_of_a_large_eccen
     terms: Any = [
         SimpleNamespace(name=name, low=-most, high=most, typical=usual) for name, (most, usual) in named.items()
     ]
-    low, high = _bounds(terms, columns)
+    low, high = _coefficient_bounds(terms, columns)
     assert list(high) == [0.1, 4 * 5e-4, 4 * 5e-4, np.inf] and np.array_equal(low, -high)
-    found = _regressed(columns, twist, (low, high))
+    found = _regress_robustly(columns, twist, (low, high))
     assert (np.abs(found) <= high * (1 + 1e-9)).all() and found[3] == pytest.approx(1e-4, rel=0.05)
     left = twist - columns @ found
     assert np.median(left[walled]) < -1e-3, "what pushes back there is still to be told"
-    np.testing.assert_allclose(_regressed(columns[~walled], twist[~walled], (low, high)), true, rtol=0.02)
+    np.testing.assert_allclose(_regress_robustly(columns[~walled], twist[~walled], (low, high)), true, rtol=0.02)
 
 
 @pytest.mark.parametrize("torque", ["noise", "spring", "friction"])
@@ -282,15 +313,15 @@ def test_no_wall_is_read_off_where_there_is_none(torque: str) -> None:
         "spring": 5.0 * angle,  # softer than what is met in walls
         "friction": np.sign(np.gradient(angle)),
     }
-    assert _walls(arm, 1, angle, of[torque]) == ({}, {})
+    assert _find_walls(arm, 1, angle, of[torque]) == ({}, {})
 
 
 def test_as_much_of_a_constant_as_an_eccentricity_can_make_is_its_zero() -> None:
     seen = {"encoder_bias_1": -3e-4, "eccentricity_sine_1": 3e-4, "eccentricity_cosine_1": 4e-4}
-    assert _zeroed(1, seen) == {"encoder_bias_1": 0.0, "eccentricity_zero_1": 3e-4}
-    more = _zeroed(1, seen | {"encoder_bias_1": -9e-4})
+    assert _split_encoder_bias(1, seen) == {"encoder_bias_1": 0.0, "eccentricity_zero_1": 3e-4}
+    more = _split_encoder_bias(1, seen | {"encoder_bias_1": -9e-4})
     assert more == pytest.approx({"encoder_bias_1": -4e-4, "eccentricity_zero_1": 5e-4})
-    assert _zeroed(1, {"encoder_bias_1": 1e-3}) == {}
+    assert _split_encoder_bias(1, {"encoder_bias_1": 1e-3}) == {}
 
 
 # -- what a verdict is made of ----------------------------------------------------------------------------------------
@@ -298,39 +329,43 @@ def test_as_much_of_a_constant_as_an_eccentricity_can_make_is_its_zero() -> None
 
 def test_what_changes_dry_friction_presupposes_some() -> None:
     without, some = described(coulomb_friction_1=0.0), described(coulomb_friction_1=0.04)
-    stribeck = Atom("stribeck_friction", 1, "motor", ("stribeck_torque_1",), {}, True)
-    viscous = Atom("viscous_friction", 1, "motor", ("viscous_friction_1",), {}, True)
-    assert stribeck.presupposes(without) == "coulomb_friction@1"
-    assert stribeck.presupposes(some) is None and viscous.presupposes(without) is None
+    stribeck = Candidate("stribeck_friction", 1, "motor", ("stribeck_torque_1",), {}, True)
+    viscous = Candidate("viscous_friction", 1, "motor", ("viscous_friction_1",), {}, True)
+    assert stribeck.required_effect(without) == "coulomb_friction@1"
+    assert stribeck.required_effect(some) is None and viscous.required_effect(without) is None
 
 
 def test_what_differs_at_standstill_only_is_not_named_twice() -> None:
-    bias, other = (Atom("current_bias", j, "motor", (f"bias_{j}",), {}, True) for j in (1, 2))
-    uneven = Atom("asymmetric_friction", 1, "motor", ("asymmetric_torque_1",), {}, True)
-    assert bias.twin(uneven) and uneven.twin(bias)
-    assert not bias.twin(bias) and not other.twin(uneven)
+    bias, other = (Candidate("current_bias", j, "motor", (f"bias_{j}",), {}, True) for j in (1, 2))
+    uneven = Candidate("asymmetric_friction", 1, "motor", ("asymmetric_torque_1",), {}, True)
+    assert bias.is_twin_of(uneven) and uneven.is_twin_of(bias)
+    assert not bias.is_twin_of(bias) and not other.is_twin_of(uneven)
 
 
 def test_what_stands_at_its_brim_is_tried_the_fullest_first() -> None:
     names = ("payload@2", "cable_spring@1", "stiffness@1", "current_bias@1")
     words = SimpleNamespace(
-        atoms=[SimpleNamespace(name=name) for name in names],
-        columns=[SimpleNamespace(atom=k, spike=0.05) for k in (0, 1, 2, 2, 3, -1)],
-        meant=frozenset({"current_bias@1"}),
+        members=[SimpleNamespace(name=name) for name in names],
+        columns=[SimpleNamespace(candidate=k, spike_width=0.05) for k in (0, 1, 2, 2, 3, -1)],
+        active=frozenset({"current_bias@1"}),
     )
-    mean = 0.05 * np.array([BRIM + 0.1, BRIM - 0.1, 0.2, -3.0, 20.0, 3.0])  # the fourth atom is free, the last no atom
-    assert _brimming(SimpleNamespace(design=SimpleNamespace(words=words), posterior=(mean, None))) == [2, 0]  # type: ignore[arg-type]
+    mean = 0.05 * np.array(
+        [AT_BOUND_DEVIATIONS + 0.1, AT_BOUND_DEVIATIONS - 0.1, 0.2, -3.0, 20.0, 3.0]
+    )  # the fourth atom is free, the last no atom
+    assert _find_at_bound(SimpleNamespace(sensitivities=SimpleNamespace(words=words), posterior=(mean, None))) == [2, 0]  # type: ignore[arg-type]
 
 
 def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:
     linear, *_ = problem(np.random.default_rng(8))
-    before = linear.reduced(0.3)
-    linear.gram.forget()
-    assert not linear.gram.kept and "spectrum" not in linear.gram.__dict__
-    after = linear.reduced(0.3)
-    assert (before.N == after.N).all() and (before.b == after.b).all() and before.logdet == after.logdet
-    kept()
-    kept()
+    before = linear.normal_equations(0.3)
+    linear.cross_products.drop_caches()
+    assert not linear.cross_products.reduced_cache and "spectrum" not in linear.cross_products.__dict__
+    after = linear.normal_equations(0.3)
+    assert (
+        (before.N == after.N).all() and (before.b == after.b).all() and before.log_determinant == after.log_determinant
+    )
+    tune_malloc()
+    tune_malloc()
 
 
 def test_a_column_that_flew_apart_does_not_stop_the_search() -> None:
@@ -343,10 +378,10 @@ def test_a_column_that_flew_apart_does_not_stop_the_search() -> None:
     bad[0, 0] = -1e4  # as rounding of 1e20 leaves it
     bad[0, 1:] = bad[1:, 0] = 0.0
     b = J.T @ rng.normal(size=50)
-    found = laplace(Summed(bad, b, 50.0, 0.0), spike, 0.1, np.ones(1), None, 1.0)
+    found = apply_laplace(TotalNormalEquations(bad, b, 50.0, 0.0), spike, 0.1, np.ones(1), None, 1.0)
     assert np.isfinite(found.evidence) and np.isfinite(found.mean).all()
     none = bad.copy()
     none[0, 0] = 0.0
-    same = laplace(Summed(none, b, 50.0, 0.0), spike, 0.1, np.ones(1), None, 1.0)
+    same = apply_laplace(TotalNormalEquations(none, b, 50.0, 0.0), spike, 0.1, np.ones(1), None, 1.0)
     np.testing.assert_allclose(found.mean, same.mean, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(found.covariance, same.covariance, rtol=1e-9, atol=1e-12)

@@ -10,14 +10,14 @@ import pytest
 from compiled import Compiled
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.data.windows import record
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
-from hdagen.diagnosis.initialization.candidate_list import dictionary
-from hdagen.diagnosis.initialization.initial_guess import suggested
-from hdagen.diagnosis.long_horizon import Lasting
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.data.windows import cut_windows
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.initialization.candidate_list import build_candidates
+from hdagen.diagnosis.initialization.initial_guess import guess_from_log
+from hdagen.diagnosis.long_horizon import LongHorizonSearch
 from hdagen.log.measured_log import Log
-from hdagen.prediction.window_replay import WINDOW
+from hdagen.prediction.window_replay import REPLAY_WINDOW
 
 Builder = Callable[..., Compiled]
 RUBBING = arms.arm("R", rigid="r", drive="[joint.limits]\ntorque = 20.0")
@@ -41,26 +41,30 @@ def shaken(arm: Arm, seed: int, **truth: float) -> Log:
     beside = SHAKEN * command.std() * np.repeat(rng.standard_normal(len(time) // HELD), HELD)
     u = np.zeros((len(time), arm.nu))
     u[:, 0] = command + beside
-    x = arm.at(p).rollout(arm.rest([-np.pi / 2]), u[:-1], np.diff(time), exact=True)
+    x = arm.with_parameters(p).rollout(arm.rest([-np.pi / 2]), u[:-1], np.diff(time), exact=True)
     q = x[:, arm.index("joint_position_1")]
     columns = {"motor_torque_command_1": command, "joint_position_1": np.round(q / COUNT) * COUNT}
     return Log(time, {name: np.ascontiguousarray(values) for name, values in columns.items()}, 1, "shaken")
 
 
-def seen(arm: Arm, log: Log) -> Lasting:
+def seen(arm: Arm, log: Log) -> LongHorizonSearch:
     """The search in the windows of a log."""
-    windows = record(arm, Portion.whole(log), WINDOW)
-    return Lasting(Shooting(arm, windows), dictionary(arm, suggested(arm, windows)), arm.p.copy())
+    windows = cut_windows(arm, LogPortion.all_rows(log), REPLAY_WINDOW)
+    return LongHorizonSearch(
+        MultipleShooting(arm, windows), build_candidates(arm, guess_from_log(arm, windows)), arm.p.copy()
+    )
 
 
 def told(arm: Arm, log: Log) -> tuple[tuple[str, ...], dict[str, float], float]:
     """Names of what is told, the parameters with it, and what it leaves of the errors."""
     lasting = seen(arm, log)
-    best, *others = lasting.found()
+    best, *others = lasting.find_effects()
     assert not best.atoms or others[-1].atoms == ()
     assert all(best.cost < one.cost for one in others)
-    values = dict(zip(arm.parameters.described, lasting.at(lasting.within(best)), strict=True))
-    return lasting.words.names(best.atoms), values, float(np.sqrt(np.mean(best.errors**2)))
+    values = dict(
+        zip(arm.parameters.described, lasting.parameters_at(lasting.limit_base_parameters(best)), strict=True)
+    )
+    return lasting.candidates.names_of(best.atoms), values, float(np.sqrt(np.mean(best.errors**2)))
 
 
 @pytest.fixture(scope="module")
@@ -92,10 +96,10 @@ def test_of_what_only_shakes_nothing_is_told(arm: Arm, seed: int) -> None:
 
 def test_what_would_not_show_is_not_told_and_what_would_is(arm: Arm) -> None:
     nothing = seen(arm, shaken(arm, 0))
-    unseen = nothing.unseen(nothing.found()[-1])
-    words = nothing.words
+    unseen = nothing.find_undetectable(nothing.find_effects()[-1])
+    words = nothing.candidates
     for effect in ("payload", "current_bias", "quadratic_friction", "cable_spring"):
-        own = [c for c in words.columns if c.atom >= 0 and words.atoms[c.atom].effect == effect]
+        own = [c for c in words.columns if c.candidate >= 0 and words.members[c.candidate].effect == effect]
         names, _, _ = told(arm, shaken(arm, 0, **{c.parameter: c.center + c.unit for c in own}))
         assert names == (() if f"{effect}@1" in unseen else (f"{effect}@1",))
     assert unseen == ["payload@1"]  # the links' masses are tolerated as far
@@ -104,11 +108,11 @@ def test_what_would_not_show_is_not_told_and_what_would_is(arm: Arm) -> None:
 def test_of_two_that_differ_at_standstill_alone_one_is_guessed_and_the_other_said(build: Builder) -> None:
     rubbing = Arm(build(RUBBING, "native", EFFECTS).folder)
     lasting = seen(rubbing, shaken(rubbing, 0, bias_1=0.08))
-    first, *others, none = lasting.found()
+    first, *others, none = lasting.find_effects()
     twins = {"current_bias@1", "asymmetric_friction@1"}
-    (guessed,) = twins & set(lasting.words.names(first.atoms))
+    (guessed,) = twins & set(lasting.candidates.names_of(first.atoms))
     (other,) = twins - {guessed}
-    alike = [one for one in others if other in lasting.words.names(one.atoms)]
+    alike = [one for one in others if other in lasting.candidates.names_of(one.atoms)]
     assert min(one.cost for one in alike) < first.cost + 2.0 * np.log(100.0)  # neither is out of the question
     assert none.cost > first.cost + 2.0 * np.log(100.0)
     names, values, _ = told(rubbing, shaken(rubbing, 0, load_share_1=0.3))

@@ -37,10 +37,14 @@ def test_what_fails_is_left_out_and_said(error: Exception) -> None:
 
 
 def test_simulations_that_fail_are_counted() -> None:
-    attempts, good, bad = Attempts(), SimpleNamespace(run=10, failed=0), SimpleNamespace(run=30, failed=2)
-    attempts.count([good])  # type: ignore[list-item]
+    attempts, good, bad = (
+        Attempts(),
+        SimpleNamespace(rollout_count=10, failure_count=0),
+        SimpleNamespace(rollout_count=30, failure_count=2),
+    )
+    attempts.report_failed_simulations([good])  # type: ignore[list-item]
     assert attempts.failures == []
-    attempts.count([good, bad])  # type: ignore[list-item]
+    attempts.report_failed_simulations([good, bad])  # type: ignore[list-item]
     assert len(attempts.failures) == 1 and attempts.failures[0].startswith("In 2 of 40 simulations of the fit")
 
 
@@ -50,14 +54,14 @@ def test_a_late_stage_that_fails_takes_nothing_of_what_was_found(monkeypatch: py
 
     told: Any = SimpleNamespace(decision=SimpleNamespace(best=None), content=CONTENT, after=None)
     motion: Any = SimpleNamespace(before=None, portion=None, simulate=None)
-    monkeypatch.setattr(pipeline, "tolerated", refused)
-    monkeypatch.setattr(pipeline, "ladder", lambda *of: [{"effects": ["payload@1"], "gap": 2.0}])
+    monkeypatch.setattr(pipeline, "rank_nuisance_effects", refused)
+    monkeypatch.setattr(pipeline, "rank_hypotheses", lambda *of: [{"effects": ["payload@1"], "gap": 2.0}])
     attempts = Attempts()
-    found = pipeline._rivals(told, motion, attempts)
+    found = pipeline._describe_alternatives(told, motion, attempts)
     assert found["gap"] == CONTENT["gap"]
     assert found["tolerated"] == [] and found["causes"] == [CONTENT["causes"][0] | {"gap_after": 2.0}]
     assert "payload_mass_1" in attempts.failures[0]
-    monkeypatch.setattr(pipeline, "ladder", refused)
-    found = pipeline._rivals(told, motion, attempts)
+    monkeypatch.setattr(pipeline, "rank_hypotheses", refused)
+    found = pipeline._describe_alternatives(told, motion, attempts)
     assert found["ladder"] == [] and found["causes"][0]["gap_after"] is None
     assert len(attempts.failures) == 3

@@ -12,11 +12,11 @@ from compiled import Compiled
 from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, simulated
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.data.windows import record
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
-from hdagen.diagnosis.initialization.initial_guess import suggested
-from hdagen.diagnosis.residuals.residual_torque import look
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.data.windows import cut_windows
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.initialization.initial_guess import guess_from_log
+from hdagen.diagnosis.residuals.residual_torque import see_residual_torque
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 
@@ -43,7 +43,7 @@ def test_an_arm_with_other_parameters_leaves_the_first_as_it_is(given: tuple[Arm
     p, x, u = arm.p.copy(), np.full(arm.nx, 1e-3), np.zeros(arm.nu)
     moved = np.array([q.nominal for q in arm.parameters.described.values()])
     own = arm.rhs(x, u)
-    other = arm.at(moved)
+    other = arm.with_parameters(moved)
     assert np.array_equal(other.p, moved) and np.array_equal(other.c, Arm(arm.folder).c)
     assert other.parameters["mass_1"] == moved[list(arm.parameters).index("mass_1")] != arm.parameters["mass_1"]
     assert not np.array_equal(other.rhs(x, u), own)
@@ -57,15 +57,20 @@ def test_an_arm_with_other_parameters_leaves_the_first_as_it_is(given: tuple[Arm
 def test_what_reads_an_arm_never_sets_it(given: tuple[Arm, Log]) -> None:
     """Its constants are locked here: whatever would set them fails."""
     arm, log = given
-    assert arm.carried.longest(arm.p) > 0.0 and arm.stable_step > 0.0
+    assert arm.stability.longest_step(arm.p) > 0.0 and arm.stable_step > 0.0
     found = replay(arm, log)
-    seen = record(arm, Portion(log, np.ones(len(log), bool)), 0.05)
-    suggested(arm, seen)
-    shooting = Shooting(arm, seen)
-    shooting.begun(arm.p * 1.01)
-    sight = look(arm, EMPTY, log, found, found)
+    seen = cut_windows(arm, LogPortion(log, np.ones(len(log), bool)), 0.05)
+    guess_from_log(arm, seen)
+    shooting = MultipleShooting(arm, seen)
+    shooting.measured_initial_states(arm.p * 1.01)
+    sight = see_residual_torque(arm, EMPTY, log, found, found)
     for p in (sight.before, sight.after):
-        asked = sight.missing(p).motor, *sight.commanded(p), sight.link_torque(p), sight.read_error(p, sight.before)
+        asked = (
+            sight.residual(p).motor,
+            *sight.simulate_inputs(p),
+            sight.link_torque(p),
+            sight.encoder_error(p, sight.before),
+        )
         assert all(np.isfinite(one).all() for one in asked)
     with pytest.raises(TypeError, match="writable"):
         arm.parameters.reset()

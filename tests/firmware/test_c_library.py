@@ -22,7 +22,7 @@ from stub_compiler import stub_compiler
 
 from gen.builder import build as builds
 from gen.builder.compiler import PROFILES as COMPILED
-from gen.builder.compiler import flags
+from gen.builder.compiler import compiler_flags
 
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 PROFILES, COMPILERS = ("portable", "native"), ("gcc", "clang")
@@ -47,9 +47,9 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Sources:
         if (chain, profile) not in made:
             with pytest.MonkeyPatch.context() as m:
                 m.setenv("CC", stub)
-                builds.compiler.find.cache_clear()
-                made[chain, profile] = builds.build(toml(out, CHAINS[chain]), profile, out, ALL_EFFECTS)[0]
-            builds.compiler.find.cache_clear()
+                builds.compiler.find_compiler.cache_clear()
+                made[chain, profile] = builds.build_robot(toml(out, CHAINS[chain]), profile, out, ALL_EFFECTS)[0]
+            builds.compiler.find_compiler.cache_clear()
         return made[chain, profile]
 
     return folder
@@ -72,7 +72,13 @@ def c_files(folder: Path) -> list[str]:
 @pytest.mark.parametrize("chain, profile, cc", [*itertools.product(CHAINS, PROFILES, COMPILERS)])
 def test_every_file_is_strict_c99(sources: Sources, chain: str, profile: str, cc: str) -> None:
     folder = sources(chain, profile)
-    command = [compiler(cc), "-std=c99", *STRICT, *(f for f in flags(profile) if f.startswith("-m")), "-fsyntax-only"]
+    command = [
+        compiler(cc),
+        "-std=c99",
+        *STRICT,
+        *(f for f in compiler_flags(profile) if f.startswith("-m")),
+        "-fsyntax-only",
+    ]
     assert {"hda_model.c", "hda_step.c", "hda_python.c", "example.c"} <= set(c_files(folder))
     assert run([*command, *c_files(folder)], folder) == ""
 
@@ -93,7 +99,7 @@ def test_optimising_any_chain_finds_nothing(
 
 def _optimised(folder: Path, profile: str, cc: str, out: Path) -> None:
     for name in c_files(folder):
-        command = [compiler(cc), *flags(profile), "-Werror", "-c", name, "-o", str(out / "object.o")]
+        command = [compiler(cc), *compiler_flags(profile), "-Werror", "-c", name, "-o", str(out / "object.o")]
         assert run(command, folder) == "", name
 
 

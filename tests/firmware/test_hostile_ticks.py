@@ -58,7 +58,7 @@ def test_every_law_holds_its_contract(build: Callable[..., Compiled], tmp_path: 
 def test_predictive_control_holds_its_contract(tmp_path: Path, name: str, ticks: int, problems: int) -> None:
     """Adversarial problems for its solvers besides; no allocation."""
     arm, configuration = built()
-    (tmp_path / "mpc_settings.h").write_text(MPC(arm, configuration).header())
+    (tmp_path / "mpc_settings.h").write_text(MPC(arm, configuration).format_header())
     parts = sorted(path for path in arm.folder.glob("hda_*.c") if not path.name.startswith("hda_python"))
     run = compiled(name, [HERE / "mpc_harness.c", *parts], [arm.folder, tmp_path], tmp_path / "harness")
     assert f"{ticks} ticks without an allocation" in said([run, str(ticks), str(problems)])

@@ -20,7 +20,7 @@ from hdagen.log import column_map_file
 from hdagen.log.column_map import ColumnsError
 from hdagen.log.data_table import LogError
 from hdagen.log.mat_file import read_mat
-from hdagen.log.measured_log import Log, gaps, read, write
+from hdagen.log.measured_log import Log, find_gaps, read, write
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 HEADER = "time,motor_current_1,joint_position_1"
@@ -118,7 +118,10 @@ def test_a_log_gives_views_names_and_its_period(tmp_path: Path) -> None:
 
 
 def test_pyarrow_is_loaded_only_to_read_or_write() -> None:
-    code = "import sys, hdagen.log.measured_log, hdagen.data_quality.log_triage; sys.exit('pyarrow' in sys.modules or 'scipy' in sys.modules)"
+    code = (
+        "import sys, hdagen.log.measured_log, hdagen.data_quality.log_triage; sys.exit('pyarrow' in sys.modules or"
+        " 'scipy' in sys.modules)"
+    )
     folder = Path(__file__).resolve().parents[2]
     assert subprocess.run([sys.executable, "-c", code], cwd=folder, check=False).returncode == 0
 
@@ -297,7 +300,7 @@ def test_repeated_stamps_are_dropped_where_that_is_declared(tmp_path: Path) -> N
 def test_missing_rows_are_counted_and_placed(tmp_path: Path) -> None:
     kept = [r for k, r in enumerate(rows(40)) if k not in (7, 20, 21, 22)]
     log = read(csv(tmp_path, HEADER, *kept))
-    where, missing = gaps(log.time)
+    where, missing = find_gaps(log.time)
     assert list(where) == [6, 18] and list(missing) == [1, 3]
     note = next(note for note in log.notes if "missing" in note)
     assert "4 sample(s) are missing in 2 gap(s), 10 % of the log; the longest is 0.004 s after row 19 (line 20)" in note
@@ -744,9 +747,9 @@ def test_the_examples_of_the_documentation_are_valid() -> None:
     used = set()
     for block in blocks:
         used |= {key for table in tomllib.loads(block).values() if isinstance(table, dict) for key in table}
-        column_map_file.check(tomllib.loads(block), Path("columns.toml"))
+        column_map_file.build_column_map(tomllib.loads(block), Path("columns.toml"))
     table_of_keys = set(re.findall(r"`(\w+)`", " ".join(re.findall(r"^\| (`.*?) \|", text, re.MULTILINE))))
-    assert used | {"period"} >= column_map_file.KEYS and table_of_keys >= column_map_file.KEYS
+    assert used | {"period"} >= column_map_file.COLUMN_KEYS and table_of_keys >= column_map_file.COLUMN_KEYS
 
 
 # Real machines, through the examples of the documentation

@@ -11,12 +11,12 @@ from replayed import FLEXIBLE, simulated
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.data_quality.log_triage import triage
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.data.windows import record
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.log import measured_log as logs
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
-from hdagen.log.timestamps import Clock, clock_noise, even_instants, judge_clock, spread_repeated
+from hdagen.log.timestamps import Clock, compute_timing_noise, fit_even_instants, judge_clock, spread_repeated_stamps
 from hdagen.prediction.measurement_model import Readings
 from hdagen.prediction.window_replay import replay
 
@@ -114,7 +114,7 @@ def test_stamps_of_a_coarse_clock_are_spread_over_the_whole(period: float, coars
     stamps = np.floor(true / coarse + 1e-9) * coarse
     repeats = np.any(np.diff(stamps) == 0)
     assert repeats == (coarse > period)
-    clock = spread_repeated(stamps) if repeats else judge_clock(stamps, paths(true))
+    clock = spread_repeated_stamps(stamps) if repeats else judge_clock(stamps, paths(true))
     assert clock is not None
     assert off(clock, true) < 1e-5
 
@@ -122,14 +122,14 @@ def test_stamps_of_a_coarse_clock_are_spread_over_the_whole(period: float, coars
 def test_rows_written_twice_are_no_coarse_clock() -> None:
     true = rows(1e-3)
     twice = np.random.default_rng(1).random(len(true)) < 0.15
-    assert spread_repeated(np.sort(np.append(true, true[twice]))) is None
-    assert spread_repeated(np.sort(np.append(true, true[5:8]))) is None
+    assert spread_repeated_stamps(np.sort(np.append(true, true[twice]))) is None
+    assert spread_repeated_stamps(np.sort(np.append(true, true[5:8]))) is None
 
 
 def test_missing_rows_are_left_out_of_even_time() -> None:
     true = rows(2e-3, 0.01)
     stamps = true + 1e-4 * np.random.default_rng(1).standard_normal(len(true))
-    assert np.diff(even_instants(stamps)) == pytest.approx(np.diff(true), abs=1e-6)
+    assert np.diff(fit_even_instants(stamps)) == pytest.approx(np.diff(true), abs=1e-6)
 
 
 def written(folder: Path, log: Log, stamps: np.ndarray) -> Path:
@@ -151,7 +151,7 @@ def test_a_replay_uses_the_better_clock_and_writes_the_logs_own(build: Callable,
     assert found.gap < 1.1 * replay(arm, log).gap
     assert found.gap < 0.7 * replay(arm, Log(stamps, log.columns, 2, "as stamped")).gap
     seen = triage(read, [100.0, 100.0])
-    assert seen.even and seen.jitter > 3e-5
+    assert seen.is_even and seen.jitter > 3e-5
     again = tmp_path / "again.csv"
     logs.write(read, again)
     assert np.array_equal(logs.read(again).logged_time, stamps)
@@ -177,16 +177,16 @@ def test_an_uncertain_clock_weighs_fast_motion_less(build: Callable) -> None:
     log = simulated(arm, 1.2)
     off_by = 1e-4
     known, vague = log, Log(log.time, log.columns, 2, "vague", time_uncertainty=off_by)
-    seen = [record(arm, Portion.whole(one), 0.05) for one in (known, vague)]
+    seen = [cut_windows(arm, LogPortion.all_rows(one), 0.05) for one in (known, vague)]
     place = seen[0].names.index("joint_position_1")
     speed = np.abs(np.gradient(log["joint_position_1"], log.time))
-    assert clock_noise(log.time, log["joint_position_1"], off_by) == pytest.approx(off_by * speed)
-    grown = seen[1].spread[:, place] ** 2 - seen[0].spread[:, place] ** 2
-    shown = seen[0].rows[np.concatenate(seen[0].looked)]
+    assert compute_timing_noise(log.time, log["joint_position_1"], off_by) == pytest.approx(off_by * speed)
+    grown = seen[1].sample_noise[:, place] ** 2 - seen[0].sample_noise[:, place] ** 2
+    shown = seen[0].rows[np.concatenate(seen[0].sampled_rows)]
     assert grown == pytest.approx((off_by * speed[shown]) ** 2, rel=1e-6, abs=1e-18)
     mean = np.sqrt(np.mean(speed**2)) * off_by
     assert seen[1].noise[place] == pytest.approx(np.hypot(seen[0].noise[place], mean))
     assert replay(arm, vague).noise["joint_position_1"] == pytest.approx(seen[1].noise[place])
-    before = [Readings.of(arm, one).noise_before(600) for one in (known, vague)]
-    own = Readings.of(arm, log).names.index("joint_position_1")
+    before = [Readings.from_log(arm, one).noise_before(600) for one in (known, vague)]
+    own = Readings.from_log(arm, log).names.index("joint_position_1")
     assert before[1][own] > 2 * before[0][own]

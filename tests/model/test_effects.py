@@ -18,13 +18,13 @@ from gen.effects.effect import Effect, Port, Signals
 from gen.model import harmonic_drive, input_effects, mechanics
 from gen.model.arm_model import Model
 from gen.robot.load_robot import load
-from gen.robot.model_parameters import parameters
+from gen.robot.model_parameters import list_parameters
 
 Builder = Callable[..., Compiled]
 EVERY = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
 ROBOT = load("paper")
 KEYS = {
-    q.name.removesuffix("_1"): q for q in parameters(ROBOT) if q.joint in (0, 1)
+    q.name.removesuffix("_1"): q for q in list_parameters(ROBOT) if q.joint in (0, 1)
 }  # what equations read of the robot file
 SIGNALS = {
     "current": "A",
@@ -130,7 +130,7 @@ def test_an_effect_names_its_numbers_and_its_source(effect: Effect) -> None:
         assert s.bound > 0 and s.meaning, s
     known = {p.name for p in effect.parameters} | set(KEYS)
     assert effect.amplitudes and set(effect.amplitudes) <= known
-    sized = {p.name for p in effect.parameters} | set(effect.sizes)
+    sized = {p.name for p in effect.parameters} | set(effect.usual_shares)
     assert effect.name == "gravity" or set(effect.amplitudes) <= sized, "an amplitude without a usual size"
     if effect not in NOMINAL and effect.port is not Port.SERIES:  # adding it changes nothing until one is given
         assert all(p.nominal == 0.0 for p in effect.parameters if p.name in effect.amplitudes)
@@ -268,8 +268,8 @@ def test_friction_of_all_kinds_together_gives_no_energy() -> None:
     model = Model(ROBOT, kinds)
     assert {e.name for e in kinds} >= TOGETHER
     s = ca.SX.sym("s")
-    d = model.drive(1, model.of_joint(1), exact=s, spring_torque=ca.SX(0))
-    f = ca.Function("net", [model.x, model.u, model.p, s], [d.net + d.transmitted / 100.0])
+    d = model.drive_outputs(1, model.joint_parameters(1), exact=s, spring_torque=ca.SX(0))
+    f = ca.Function("net", [model.x, model.u, model.p, s], [d.net_torque + d.transmitted_torque / 100.0])
     rng, rows = np.random.default_rng(14), 5000
     bound = np.array([slot.bound for slot in model.x_slots])[:, None]
     x = rng.uniform(-1, 1, (bound.size, rows)) * bound
@@ -299,7 +299,7 @@ def test_a_drive_warms_by_its_motion_and_cools_at_rest(speed: float) -> None:
 
     def rate(warmth: float, motor_velocity: float) -> float:
         signals = Signals(motor_velocity=motor_velocity, states={"warmth": warmth})
-        return float(thermal_friction.share(signals, p)[1][0])
+        return float(thermal_friction.compute_friction_loss(signals, p)[1][0])
 
     assert rate(abs(speed) / (abs(speed) + 8.0), speed) == pytest.approx(0.0, abs=1e-15)
     assert rate(0.0, speed) == pytest.approx(abs(speed) / (abs(speed) + 8.0) / 5.0)
@@ -316,14 +316,16 @@ class Rates:
 
     def __init__(self, effects: tuple[Effect, ...]) -> None:
         m = self.model = Model(ROBOT, effects)
-        made, definitions = m.derived()
-        drives = {j: m.drive(j, m.of_joint(j)) for j in m.joints}
-        smooth, _ = m.motion(drives)
+        made, definitions = m.inverse_definitions()
+        drives = {j: m.drive_outputs(j, m.joint_parameters(j)) for j in m.joints}
+        smooth, _ = m.equations_of_motion(drives)
         s = ca.SX.sym("sliding", m.n)
-        exact, hold = m.motion({j: m.drive(j, m.of_joint(j), exact=s[j - 1]) for j in m.joints}, s)
-        sensed = mechanics.sensed(m, drives)
+        exact, hold = m.equations_of_motion(
+            {j: m.drive_outputs(j, m.joint_parameters(j), exact=s[j - 1]) for j in m.joints}, s
+        )
+        sensed = mechanics.sensor_outputs(m, drives)
         rest = ca.vertcat(hold, *(sensed[name] for name in ("joint_position", "joint_velocity", "joint_torque")))
-        stage = input_effects.law(m, m.p).graph(m.u[: m.n], m.p)
+        stage = input_effects.emit_input_law(m, m.p).graph(m.u[: m.n], m.p)
         self.f = ca.Function("rates", [m.x, m.u, m.p, made, s], [ca.vertcat(smooth, exact, rest, *stage)])
         self.inverse = ca.Function("inverse", [m.p], [definitions])
         self.names = [slot.name for slot in m.x_slots]
@@ -343,8 +345,8 @@ AT_REST = (Port.DELAY, Port.INPUT, Port.LAG, Port.SENSOR, Port.TORQUE_SENSOR)  #
 def everything() -> Iterator[Rates]:
     """All effects at once. All models here have the same drives, so their springs are planned once."""
     with pytest.MonkeyPatch.context() as patch:
-        once = cache(harmonic_drive.plan)
-        patch.setattr(harmonic_drive, "plan", lambda drives: once(tuple(drives)))
+        once = cache(harmonic_drive.plan_inverse)
+        patch.setattr(harmonic_drive, "plan_inverse", lambda drives: once(tuple(drives)))
         yield Rates(tuple(e for e in ALL if e.port is not Port.SERIES))
 
 
@@ -363,7 +365,9 @@ def test_amplitude_zero_is_the_model_without_the_effect_to_the_bit(everything: R
     p = {q.name: q.nominal + (q.typical if q.role == "amplitude" else 0.0) for q in full.model.quantities}
     p |= {"gravity_x": 1.0, "gravity_y": -9.0}
     present = full(x, u, p)
-    off = p | {(f"{name}_{j}" if j else name): 0.0 for name in effect.amplitudes for j in full.model.applies(effect)}
+    off = p | {
+        (f"{name}_{j}" if j else name): 0.0 for name in effect.amplitudes for j in full.model.joints_of_effect(effect)
+    }
     off = {name: value for name, value in off.items() if name in p}
     common = [full.names.index(name) for name in without.names]
     removed, absent = full(x, u, off), without(x[common], u, off)
@@ -386,7 +390,7 @@ def test_kinematic_error_does_virtual_work(build: Builder) -> None:
     names = ("viscous_friction", "coulomb_friction", "torsional_damping")
     c = arm.prepare(
         **{f"{name}_{j}": 0.0 for name in names for j in (1, 2)},
-        **{f"{name}_{j}": a for name, a in zip(kinematic_error.NAMES, ERROR, strict=True) for j in (1, 2)},
+        **{f"{name}_{j}": a for name, a in zip(kinematic_error.HARMONIC_NAMES, ERROR, strict=True) for j in (1, 2)},
     )
     rng = np.random.default_rng(13)
     x = arm.random(rng, 2000, share=0.3)

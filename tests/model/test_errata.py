@@ -15,7 +15,7 @@ import sympy as sp
 from sympy.physics.units import energy, force, length
 from sympy.physics.units.systems.si import dimsys_SI
 
-from gen.model.lagrangian import derive, lambdified
+from gen.model.lagrangian import derive_lagrangian, make_numeric
 
 N = 100.0
 T1, T2, K1, K2, PSI, TAU_FS = 3.9, 12.0, 1.0e4, 1.4e4, 2.9e-4, 0.037  # CSG-17-100, catalogue
@@ -242,7 +242,7 @@ def test_joint_torque_is_the_secant(torque: float) -> None:
 
 def test_force_matrix_is_in_the_frame_of_link_two() -> None:
     """The derived Jacobian turned into the frame of link 2 is (20) with l_1 in the first entry; l_1 = l_2 hides it."""
-    model = derive(("revolute", "revolute"))
+    model = derive_lagrangian(("revolute", "revolute"))
     l1, l2 = sp.symbols("length_1 length_2", real=True)
     q1, q2 = model.q
     turned = sp.rot_ccw_axis3(q1 + q2)[:2, :2]  # link 2 -> base
@@ -271,7 +271,7 @@ def inverse(
 @pytest.mark.parametrize("l1, l2", [(0.15, 0.15), (0.2, 0.13)])
 def test_inverse_kinematics_takes_a_position(l1: float, l2: float) -> None:
     """Forward of inverse is the point, on both branches and in all quadrants; a force in its place reaches nothing."""
-    numbers = lambdified(derive(("revolute", "revolute")))
+    numbers = make_numeric(derive_lagrangian(("revolute", "revolute")))
     p = {f"{name}_{j}": 1.0 for name in ("mass", "center_of_mass", "inertia") for j in (1, 2)}
     p |= {"gravity_x": 0.0, "gravity_y": 0.0, "length_1": l1, "length_2": l2}
 
@@ -321,10 +321,10 @@ def test_citations_name_the_equations_that_do_it() -> None:
     II.C calls on (20) for the inverse kinematics. That can only be checked by dimension: solved, (20) is a force, and
     arguments of arccos are numbers, which (21) has with lengths and not with forces.
     """
-    model = derive(("revolute", "revolute"))
+    model = derive_lagrangian(("revolute", "revolute"))
     q = np.array([0.4, 0.9])
     p = {str(symbol): 0.2 for symbol in model.parameters} | {"length_1": 0.2, "length_2": 0.13}
-    numbers, rest, small = lambdified(model), np.zeros(2), np.array([1e-5, -2e-5])
+    numbers, rest, small = make_numeric(model), np.zeros(2), np.array([1e-5, -2e-5])
     tip_force, stiffness, (a, b) = np.array([15.0, -4.0]), 100.0, q
     work = tip_force @ (numbers.tip(q + small / 2, rest, p) - numbers.tip(q - small / 2, rest, p))
     in_link = np.array([[np.cos(a + b), np.sin(a + b)], [-np.sin(a + b), np.cos(a + b)]]) @ tip_force

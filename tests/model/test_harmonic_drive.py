@@ -19,7 +19,7 @@ from hypothesis import strategies as some
 from gen.effects.effect import Signals
 from gen.effects.transmission_hysteresis import EFFECT as HYSTERESIS
 from gen.model import harmonic_drive
-from gen.presets import presets
+from gen.presets import find_presets
 from gen.robot.description import Value
 from gen.robot.load_robot import load
 
@@ -78,7 +78,7 @@ def test_inverse_returns_the_torsion_over_law_continuation_and_spread(build: Bui
     """φ → τ → φ within 1e-12 rad, from 1 nrad to one and a half times the law, for springs off by up to the spread."""
     arm = build("paper_table1", profile)
     nominal = Law()
-    for factors in itertools.product((1 / harmonic_drive.SPREAD, 1.0, harmonic_drive.SPREAD), repeat=4):
+    for factors in itertools.product((1 / harmonic_drive.SPRING_SPREAD, 1.0, harmonic_drive.SPRING_SPREAD), repeat=4):
         own = Law(
             nominal.flexspline_stiffness * factors[0],
             nominal.flexspline_stiffening * factors[1],
@@ -167,9 +167,9 @@ def test_plan_keeps_its_word_for_other_gears(law: Law) -> None:
     """Whatever plan is chosen for a drive, the inverse stays within 1e-12 rad of the law written here."""
     base = load("paper_table1").joints[0].drive
     stated = base.__class__(**(vars(base) | {name: Value(value, 0.05) for name, value in vars(law).items()}))
-    chosen = harmonic_drive.plan([stated])
-    k = harmonic_drive.springs(vars(law))
-    coefficients = harmonic_drive.inverse(k, chosen.degree)
+    chosen = harmonic_drive.plan_inverse([stated])
+    k = harmonic_drive.spring_constants(vars(law))
+    coefficients = harmonic_drive.inverse_coefficients(k, chosen.degree)
     tau = law.law_torque * np.concatenate([np.geomspace(1e-8, 1e-2, 50), np.linspace(0.01, 1.6, 200)])
     phi = law.torsion(tau)
     found = np.array([float(harmonic_drive.spring_torque(value, k, coefficients, chosen)) for value in phi])
@@ -182,7 +182,7 @@ def test_a_law_too_sharp_to_invert_is_refused() -> None:
     law = Law(999_999.0, 1e-4, 1.0, 1.0, 30.0, 3e4)
     stated = base.__class__(**(vars(base) | {name: Value(value, 0.05) for name, value in vars(law).items()}))
     with pytest.raises(ValueError, match="too sharp for law_torque; lower law_torque"):
-        harmonic_drive.plan([stated])
+        harmonic_drive.plan_inverse([stated])
 
 
 # -- resonance --------------------------------------------------------------------------------------------------------
@@ -302,6 +302,6 @@ def moving(torsion_rate: float, z: float) -> Signals:
 
 def test_presets_state_the_numbers_used_here() -> None:
     """`Law` holds what paper_table1 says."""
-    d = tomllib.loads(presets()["paper_table1"].read_text())["joint"][0]["drive"]
+    d = tomllib.loads(find_presets()["paper_table1"].read_text())["joint"][0]["drive"]
     for name in list(vars(Law()))[:5]:
         assert d[name] == getattr(Law(), name)

@@ -12,7 +12,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from gen.model.kinematic_chain import Chain
-from gen.model.lagrangian import Lagrangian, derive, lambdified
+from gen.model.lagrangian import Lagrangian, derive_lagrangian, make_numeric
 
 R, P = "revolute", "prismatic"
 CHAINS = [(R,), (P,), (R, R), (R, P), (P, R), (P, P), (R, P, R), (P, R, P), (R, R, R)]
@@ -56,26 +56,26 @@ def close(found: Any, expected: Any, bound: float = 1e-12) -> None:
 
 @every_chain
 def test_mass_matrix_is_symmetric_and_positive_definite(kinds: tuple[str, ...]) -> None:
-    model = derive(kinds)
+    model = derive_lagrangian(kinds)
     for q, v, p in samples(model):
-        M = lambdified(model).mass_matrix(q, v, p)
+        M = make_numeric(model).mass_matrix(q, v, p)
         close(M, M.T)
         assert np.linalg.eigvalsh(M).min() > 0
 
 
 @every_chain
 def test_kinetic_energy_is_the_mass_matrix_form(kinds: tuple[str, ...]) -> None:
-    model = derive(kinds)
-    numbers = lambdified(model)
+    model = derive_lagrangian(kinds)
+    numbers = make_numeric(model)
     for q, v, p in samples(model):
         close(numbers.kinetic_energy(q, v, p), v @ numbers.mass_matrix(q, v, p) @ v / 2)
 
 
 @every_chain
 def test_rate_of_the_mass_matrix_less_twice_coriolis_is_skew(kinds: tuple[str, ...]) -> None:
-    model = derive(kinds)
+    model = derive_lagrangian(kinds)
     h = 1e-5
-    numbers = lambdified(model)
+    numbers = make_numeric(model)
     for q, v, p in samples(model):
         rate = (numbers.mass_matrix(q + h * v, v, p) - numbers.mass_matrix(q - h * v, v, p)) / (2 * h)
         skew = rate - 2 * numbers.coriolis_matrix(q, v, p)
@@ -85,7 +85,7 @@ def test_rate_of_the_mass_matrix_less_twice_coriolis_is_skew(kinds: tuple[str, .
 @pytest.mark.parametrize("kinds", [(R, R), (R, P), (P, R)], ids=ids)
 def test_energy_is_conserved_for_every_symbol(kinds: tuple[str, ...]) -> None:
     """With M q̈ = −C q̇ − g, the change of T + V along the motion is zero as an expression, not at samples."""
-    model = derive(kinds)
+    model = derive_lagrangian(kinds)
     v = sp.Matrix(model.v)
     energy = model.kinetic_energy + model.potential_energy
     along = sum(sp.diff(energy, q_k) * v_k for q_k, v_k in zip(model.q, model.v, strict=True))
@@ -98,7 +98,7 @@ def test_energy_is_conserved_for_every_symbol(kinds: tuple[str, ...]) -> None:
 @every_chain
 def test_equations_of_motion_are_euler_and_lagrange_s(kinds: tuple[str, ...]) -> None:
     """d/dt ∂L/∂q̇ − ∂L/∂q along q(t) = polynomials of t, differentiated by SymPy in t, at t = 0."""
-    model = derive(kinds)
+    model = derive_lagrangian(kinds)
     t = sp.Symbol("t")
     for seed in range(2):
         q0, v0, p = sample(model, seed)
@@ -111,15 +111,15 @@ def test_equations_of_motion_are_euler_and_lagrange_s(kinds: tuple[str, ...]) ->
             float((sp.diff(sp.diff(L, v).subs(speed).subs(path), t) - sp.diff(L, q).subs(speed).subs(path)).subs(t, 0))
             for q, v in zip(model.q, model.v, strict=True)
         ]
-        numbers = lambdified(model)
+        numbers = make_numeric(model)
         bias = numbers.coriolis_matrix(q0, v0, p) @ v0 + numbers.gravity(q0, v0, p)
         close(numbers.mass_matrix(q0, v0, p) @ a0 + bias, expected)
 
 
 @every_chain
 def test_jacobian_is_the_tip_s_difference_quotient(kinds: tuple[str, ...]) -> None:
-    model = derive(kinds)
-    numbers = lambdified(model)
+    model = derive_lagrangian(kinds)
+    numbers = make_numeric(model)
     h = 1e-5
     for q, v, p in samples(model):
         step = h * np.eye(len(q))
@@ -129,7 +129,7 @@ def test_jacobian_is_the_tip_s_difference_quotient(kinds: tuple[str, ...]) -> No
 
 def test_pendulum_on_paper() -> None:
     """One link, gravity down, q = 0 along x: M = I + m r², g = m 9.81 r cos q; at 90° the tip is above the joint."""
-    numbers = lambdified(derive((R,)))
+    numbers = make_numeric(derive_lagrangian((R,)))
     p = {
         "gravity_x": 0.0,
         "gravity_y": -9.81,
@@ -145,7 +145,7 @@ def test_pendulum_on_paper() -> None:
 
 def test_slider_on_paper() -> None:
     """A slider on a turning link: centrifugal force m (r + q2 + l1) ω², and the Coriolis torque 2 m (…) ω q̇2."""
-    numbers = lambdified(derive((R, P)))
+    numbers = make_numeric(derive_lagrangian((R, P)))
     p = {"gravity_x": 0.0, "gravity_y": 0.0, "length_1": 0.5, "mass_1": 1.0, "center_of_mass_1": 0.2, "inertia_1": 0.1}
     p |= {"length_2": 0.0, "mass_2": 3.0, "center_of_mass_2": 0.1, "inertia_2": 0.2}
     arm = 0.5 + 0.4 + 0.1
@@ -159,15 +159,15 @@ def test_slider_on_paper() -> None:
 
 @pytest.mark.parametrize("kinds", [(R, P), (R, R, R)], ids=ids)
 def test_rigid_drive_adds_the_reflected_rotor_to_the_diagonal(kinds: tuple[str, ...]) -> None:
-    bare, rigid = derive(kinds), derive(kinds, ("rigid",) * len(kinds))
+    bare, rigid = derive_lagrangian(kinds), derive_lagrangian(kinds, ("rigid",) * len(kinds))
     for q, v, p in samples(rigid):
         rotors = [p[f"ratio_{j}"] ** 2 * p[f"motor_inertia_{j}"] for j in range(1, len(kinds) + 1)]
-        close(lambdified(rigid).mass_matrix(q, v, p), lambdified(bare).mass_matrix(q, v, p) + np.diag(rotors))
-        close(lambdified(rigid).coriolis_matrix(q, v, p), lambdified(bare).coriolis_matrix(q, v, p))
+        close(make_numeric(rigid).mass_matrix(q, v, p), make_numeric(bare).mass_matrix(q, v, p) + np.diag(rotors))
+        close(make_numeric(rigid).coriolis_matrix(q, v, p), make_numeric(bare).coriolis_matrix(q, v, p))
 
 
 def test_flexible_drive_that_cannot_twist_is_the_rigid_one() -> None:
-    flexible, rigid = derive((R, R), ("flexible", "flexible")), derive((R, R), ("rigid", "rigid"))
+    flexible, rigid = derive_lagrangian((R, R), ("flexible", "flexible")), derive_lagrangian((R, R), ("rigid", "rigid"))
     locked = {
         sp.Symbol(f"motor_velocity_{j}", real=True): sp.Symbol(f"ratio_{j}", real=True) * rigid.v[j - 1] for j in (1, 2)
     }
@@ -177,7 +177,7 @@ def test_flexible_drive_that_cannot_twist_is_the_rigid_one() -> None:
 
 def test_joint_torque_is_the_slope_of_the_stored_energy() -> None:
     """A quartic U(φ), φ = θ/N − q, for any: τ enters as τ/N at the motor and as −τ at the joint."""
-    model = derive((R, P), ("rigid", "flexible"))
+    model = derive_lagrangian((R, P), ("rigid", "flexible"))
     assert [str(q) for q in model.q] == ["motor_position_2", "joint_position_1", "joint_position_2"]
     theta, _, slide = model.q
     ratio, phi, k = sp.Symbol("ratio_2", real=True), sp.Symbol("phi"), sp.Symbol("k")
@@ -192,16 +192,16 @@ def test_joint_torque_is_the_slope_of_the_stored_energy() -> None:
 
 def test_what_cannot_be_derived_is_refused_in_one_go() -> None:
     with pytest.raises(ValueError, match="screw") as refused:
-        derive((R, "screw"), ("rigid", "soft", "rigid"))
+        derive_lagrangian((R, "screw"), ("rigid", "soft", "rigid"))
     lines = str(refused.value).splitlines()
     assert len(lines) == 3
     assert "joint 2 is 'screw'" in lines[1] and "revolute, prismatic" in lines[1]
     assert "joint 2 is 'soft'" in lines[2] and "flexible, rigid" in lines[2]
     for count in (0, 4):
         with pytest.raises(ValueError, match=f"1 to 3 joints, not for {count}"):
-            derive((R,) * count)
+            derive_lagrangian((R,) * count)
     with pytest.raises(ValueError, match="spring energy"):
-        lambdified(derive((R,), ("flexible",)))
+        make_numeric(derive_lagrangian((R,), ("flexible",)))
 
 
 # -- against the CasADi graph ---------------------------------------------------------------------------------------
@@ -211,7 +211,7 @@ def test_what_cannot_be_derived_is_refused_in_one_go() -> None:
 def graph(kinds: tuple[str, ...]) -> ca.Function:
     """Everything ``gen.model.kinematic_chain`` says of the chain, as one CasADi function of q, v, a, the tip force and
     the parameters."""
-    model, chain, n = derive(kinds), Chain(kinds), len(kinds)
+    model, chain, n = derive_lagrangian(kinds), Chain(kinds), len(kinds)
     q, v, a, force = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("a", n), ca.SX.sym("force", 2)
     vector = ca.SX.sym("p", len(model.parameters))
     p = {str(symbol): vector[k] for k, symbol in enumerate(model.parameters)}
@@ -219,19 +219,19 @@ def graph(kinds: tuple[str, ...]) -> ca.Function:
     outputs = [
         chain.mass_matrix(q, p),
         chain.coriolis_matrix(q, v, p),
-        chain.gravity(q, p),
-        chain.bias(q, v, p),
-        chain.tip(q, p),
-        chain.jacobian(q, p),
-        chain.recursion(q, v, a, p, gravity, (force[0], force[1])),
+        chain.gravity_torque(q, p),
+        chain.bias_torque(q, v, p),
+        chain.tip_position(q, p),
+        chain.tip_jacobian(q, p),
+        chain.newton_euler(q, v, a, p, gravity, (force[0], force[1])),
     ]
     return ca.Function("chain", [q, v, a, force, vector], outputs)
 
 
 @every_chain
 def test_casadi_graph_agrees(kinds: tuple[str, ...]) -> None:
-    model = derive(kinds)
-    numbers = lambdified(model)
+    model = derive_lagrangian(kinds)
+    numbers = make_numeric(model)
     for seed, (q, v, p) in enumerate(samples(model)):
         rng = np.random.default_rng(1000 + seed)
         a, force = rng.uniform(-5, 5, len(q)), rng.uniform(-20, 20, 2)
@@ -250,12 +250,12 @@ def test_casadi_graph_agrees(kinds: tuple[str, ...]) -> None:
 @pytest.mark.parametrize("kinds", [(R,), (R, R), (P, R), (R, P)], ids=ids)
 def test_casadi_tip_mass_is_a_point_at_the_derived_tip(kinds: tuple[str, ...]) -> None:
     """The kinetic energy of a point that moves with the derived tip: it adds m Jᵀ J to M and −m Jᵀ(gravity) to g."""
-    model = derive(kinds)
-    numbers = lambdified(model)
+    model = derive_lagrangian(kinds)
+    numbers = make_numeric(model)
     for q, v, p in samples(model):
         mass = 0.7
         loaded = {name: ca.SX(value) for name, value in (p | {"tip_mass": mass}).items()}
-        M, g = Chain(kinds).mass_matrix(ca.SX(q), loaded), Chain(kinds).gravity(ca.SX(q), loaded)
+        M, g = Chain(kinds).mass_matrix(ca.SX(q), loaded), Chain(kinds).gravity_torque(ca.SX(q), loaded)
         J = numbers.jacobian(q, v, p)
         pull = np.array([p["gravity_x"], p["gravity_y"]])
         close(np.array(ca.DM(ca.evalf(M))), numbers.mass_matrix(q, v, p) + mass * J.T @ J)
@@ -264,15 +264,17 @@ def test_casadi_tip_mass_is_a_point_at_the_derived_tip(kinds: tuple[str, ...]) -
 
 def test_casadi_inverse_branches_reach_the_derived_tip() -> None:
     """Both postures put the tip where it was, one is the posture it came from, and out of reach there is none."""
-    model = derive((R, R))
-    numbers = lambdified(model)
+    model = derive_lagrangian((R, R))
+    numbers = make_numeric(model)
     for q, v, p in samples(model):
         point = numbers.tip(q, v, p)
-        postures = np.array(ca.DM(ca.evalf(Chain((R, R)).branches(ca.SX(point), {k: ca.SX(x) for k, x in p.items()}))))
+        postures = np.array(
+            ca.DM(ca.evalf(Chain((R, R)).inverse_branches(ca.SX(point), {k: ca.SX(x) for k, x in p.items()})))
+        )
         assert postures[1, 0] >= 0 >= postures[1, 1]
         for posture in postures.T:
             close(numbers.tip(posture, v, p), point, bound=1e-9)
         assert min(np.abs(np.exp(1j * posture) - np.exp(1j * q)).max() for posture in postures.T) < 1e-6
         beyond = ca.SX(point / np.linalg.norm(point) * (p["length_1"] + p["length_2"] + 0.01))
-        nowhere = ca.DM(ca.evalf(Chain((R, R)).branches(beyond, {k: ca.SX(x) for k, x in p.items()})))
+        nowhere = ca.DM(ca.evalf(Chain((R, R)).inverse_branches(beyond, {k: ca.SX(x) for k, x in p.items()})))
         assert np.isnan(np.array(nowhere)).all()

@@ -13,7 +13,7 @@ from compiled import Compiled
 from robots import effect
 from scipy.optimize import brentq
 
-from gen.presets import presets
+from gen.presets import find_presets
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 
@@ -29,7 +29,7 @@ def arm(build: Callable[..., Compiled]) -> Arm:
 @pytest.fixture(scope="module")
 def undamped(build: Callable[..., Compiled]) -> Arm:
     return Arm(
-        build(presets()["paper"].read_text().replace("torsional_damping = 6.0", "torsional_damping = 0.0")).folder
+        build(find_presets()["paper"].read_text().replace("torsional_damping = 6.0", "torsional_damping = 0.0")).folder
     )
 
 
@@ -155,7 +155,7 @@ def test_beyond_the_law_the_estimates_go_on_along_the_tangent(arm: Arm) -> None:
 def test_the_kinematic_error_is_taken_out_where_the_model_has_it(build: Callable[..., Compiled]) -> None:
     """With it the estimate is right; without it wrong by stiffness times the error."""
     stated = effect("kinematic_error", 1, kinematic_sine_once=ONCE)
-    with_it = Arm(build(presets()["paper"].read_text() + stated).folder)
+    with_it = Arm(build(find_presets()["paper"].read_text() + stated).folder)
     without = Arm(build("paper").folder)
     data = motion(with_it, seconds=1.0)
     scale = np.abs(data["spring"]).max()

@@ -27,7 +27,7 @@ def arm() -> Arm:
 def objects(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the controller's C compiled as firmware would, and its settings as a header; no warning in ours."""
     folder = tmp_path_factory.mktemp("objects")
-    (folder / "mpc_settings.h").write_text(MPC(arm, built()[1]).header())
+    (folder / "mpc_settings.h").write_text(MPC(arm, built()[1]).format_header())
     sources = sorted(f for f in arm.folder.glob("hda_*.c") if not f.name.startswith("hda_python"))
 
     def compiled(source: Path) -> str:

@@ -9,27 +9,27 @@ from pathlib import Path
 import pytest
 from mpc_arms import built
 
-from gen.mpc.problem_structure import StructureError, fitting, memory, parse
+from gen.mpc.problem_structure import StructureError, check_memory, memory_needed, parse_structure
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import load
-from hdagen.mpc.benchmark.scaling import chain
-from hdagen.mpc.configuration import Configuration, Wall, checked, read
-from hdagen.mpc.configuration_schema import KEYS, Key, documented
+from hdagen.mpc.benchmark.scaling import format_chain_robot
+from hdagen.mpc.configuration import Configuration, Wall, check_configuration, read_configuration
+from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, ConfigurationKey, format_key_table
 from hdagen.mpc.predictive_controller import MPC
 
 DOCS = Path(__file__).parents[2] / "docs" / "mpc.md"
 
 
 def test_the_documented_keys_are_the_keys() -> None:
-    assert documented() in DOCS.read_text(encoding="utf-8")
+    assert format_key_table() in DOCS.read_text(encoding="utf-8")
 
 
 def test_every_default_is_one_that_the_key_allows() -> None:
     tables: dict[str, dict[str, object]] = {}
-    for key in KEYS:
+    for key in CONFIGURATION_KEYS:
         if key.default is not None and key.table != "wall":
             tables.setdefault(key.table, {})[key.name] = key.default
-    assert checked(tables, "defaults").structure == "nodes=20,walls=0,space=tip"
+    assert check_configuration(tables, "defaults").structure == "nodes=20,walls=0,space=tip"
 
 
 def test_a_file_is_read_and_changes_what_it_says(tmp_path: Path) -> None:
@@ -38,7 +38,7 @@ def test_a_file_is_read_and_changes_what_it_says(tmp_path: Path) -> None:
         "[mpc]\nnodes = 10\n[admittance]\nmass = [1.0, 2.0]\n[limits]\ntip_speed = 0.1\n"
         "[[wall]]\nnormal = [0.0, 1.0]\noffset = 0.2\nstiffness = 1e4\nforce = 15.0\n"
     )
-    c = read(path)
+    c = read_configuration(path)
     assert c.structure == "nodes=10,walls=1,space=tip"
     assert c["admittance.mass"] == (1.0, 2.0)
     assert c["admittance.damping"] == 45.0
@@ -90,7 +90,7 @@ def test_what_cannot_be_is_refused_in_one_sentence(tmp_path: Path, text: str, wo
     path = tmp_path / "controller.toml"
     path.write_text(text)
     with pytest.raises(PlantError, match=words) as caught:
-        read(path)
+        read_configuration(path)
     assert str(caught.value).count("\n") == 0
 
 
@@ -98,7 +98,7 @@ def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
     path = tmp_path / "controller.toml"
     path.write_text("[mpc]\nnodes = 1\nsolver = 'x'\n[limits]\ntip_speed = -1\n")
     with pytest.raises(PlantError) as caught:
-        read(path)
+        read_configuration(path)
     assert str(caught.value).count("\n") == 2
 
 
@@ -121,7 +121,7 @@ def test_what_does_not_fit_the_arm_is_refused_before_the_build_and_by_a_built_co
 ) -> None:
     path = tmp_path / "controller.toml"
     path.write_text(text)
-    c = read(path)
+    c = read_configuration(path)
     with pytest.raises(PlantError, match=words) as caught:
         load("paper", out=tmp_path / "builds", mpc=c)
     assert str(caught.value).count("\n") == 0 or "joint 2" in str(caught.value)
@@ -134,29 +134,31 @@ def test_what_does_not_fit_the_arm_is_refused_before_the_build_and_by_a_built_co
 def test_a_current_needs_a_torque_constant_and_sliding_joints_have_no_reach() -> None:
     robot = {**built()[0].robot}
     robot["joints"] = [{**joint, "drive": {**joint["drive"], "torque_constant": None}} for joint in robot["joints"]]
-    far = checked({"limits": {"motor_current": 1.0}, "wall": [{"normal": [1.0, 0.0], "offset": -9.0}]}, "test")
-    assert [problem[:40] for problem in far.refusals(robot)] == [
+    far = check_configuration(
+        {"limits": {"motor_current": 1.0}, "wall": [{"normal": [1.0, 0.0], "offset": -9.0}]}, "test"
+    )
+    assert [problem[:40] for problem in far.find_incompatibilities(robot)] == [
         "limits.motor_current needs a torque_cons",
         "the walls leave only what is 9 m and mor",
     ]
     robot["joints"][1] = {**robot["joints"][1], "kind": "prismatic"}
-    assert len(far.refusals(robot)) == 1
+    assert len(far.find_incompatibilities(robot)) == 1
 
 
 def test_walls_given_in_python_are_checked_too() -> None:
     c = Configuration()
     with pytest.raises(PlantError, match="wall.normal: found \\[2.0, 0.0\\]"):
-        c.changed((Wall((2.0, 0.0), 0.1),))
+        c.with_changes((Wall((2.0, 0.0), 0.1),))
     with pytest.raises(PlantError, match="leave nothing between them"):
-        c.changed((Wall((1.0, 0.0), 0.1), Wall((-1.0, 0.0), -0.1)))
-    assert c.changed((Wall((0.6, 0.8), 0.1), Wall((-1.0, 0.0), 0.1))).walls[0].normal == (0.6, 0.8)
+        c.with_changes((Wall((1.0, 0.0), 0.1), Wall((-1.0, 0.0), -0.1)))
+    assert c.with_changes((Wall((0.6, 0.8), 0.1), Wall((-1.0, 0.0), 0.1))).walls[0].normal == (0.6, 0.8)
 
 
 def test_a_configuration_replaces_hard_limits_too() -> None:
     """Torque, its rate, the safe state and the force limit are the guard's, and are replaced with all else."""
     arm, c = built()
     k = MPC(arm, c)
-    k.configure_with(c.changed(limits__motor_torque=0.1, limits__torque_rate=5.0, fallback__force_limit=30.0))
+    k.configure_with(c.with_changes(limits__motor_torque=0.1, limits__torque_rate=5.0, fallback__force_limit=30.0))
     most, rate = k.torque_limits()
     assert most.tolist() == [0.1, 0.1]
     assert rate.tolist() == [5.0, 5.0]
@@ -165,8 +167,8 @@ def test_a_configuration_replaces_hard_limits_too() -> None:
     assert k.torque_limits()[0].tolist() == [0.7875, 0.7875]
 
 
-@pytest.mark.parametrize("key", KEYS, ids=lambda key: key.path)
-def test_every_key_refuses_what_it_cannot_be(key: Key) -> None:
+@pytest.mark.parametrize("key", CONFIGURATION_KEYS, ids=lambda key: key.path)
+def test_every_key_refuses_what_it_cannot_be(key: ConfigurationKey) -> None:
     """Too small, too large, endless, no number, of another type: one sentence that names the key, never a crash."""
     number = ["x", True, {}, float("nan"), float("inf"), 10**400, -(10**400), key.low - 1, key.high * 2 + 1]
     number += [key.low] if key.open else []
@@ -182,7 +184,7 @@ def test_every_key_refuses_what_it_cannot_be(key: Key) -> None:
     for value in bad:
         wall = {"normal": [1.0, 0.0], "offset": 0.1, "stiffness": 1e4, "force": 9.0, key.name: value}
         with pytest.raises(PlantError) as caught:
-            checked({"wall": [wall]} if key.table == "wall" else {key.table: {key.name: value}}, "file")
+            check_configuration({"wall": [wall]} if key.table == "wall" else {key.table: {key.name: value}}, "file")
         said = str(caught.value)
         assert said.count("\n") == 0, said
         assert f"{key.name}: found " in said, said
@@ -199,23 +201,23 @@ def test_an_arm_without_the_controller_is_refused() -> None:
 )
 def test_a_structure_that_cannot_be_built_is_refused_before_the_build(text: str) -> None:
     with pytest.raises(StructureError):
-        parse(text)
+        parse_structure(text)
 
 
 def test_a_horizon_that_memory_does_not_allow_is_refused_before_the_build(tmp_path: Path) -> None:
-    long = parse("nodes=400,walls=8")
+    long = parse_structure("nodes=400,walls=8")
     assert long is not None
-    fitting(long, 2, 8)
+    check_memory(long, 2, 8)
     with pytest.raises(StructureError, match=r"400 nodes of 24 states take \d+ MiB, possible are 32 MiB; take at most"):
-        fitting(long, 6, 24)
+        check_memory(long, 6, 24)
     robot = tmp_path / "robot.toml"
-    robot.write_text(chain(built()[0].robot, 6))
-    c = checked({"mpc": {"nodes": 400}}, "test")
+    robot.write_text(format_chain_robot(built()[0].robot, 6))
+    c = check_configuration({"mpc": {"nodes": 400}}, "test")
     with pytest.raises(PlantError, match="take at most 1.. nodes") as caught:
         load(robot, out=tmp_path, mpc=c)
     assert str(caught.value).count("\n") == 0
     assert [path.name for path in tmp_path.iterdir()] == ["robot.toml"]
-    assert parse("") is None
+    assert parse_structure("") is None
 
 
 def test_what_a_horizon_takes_is_what_is_said() -> None:
@@ -226,7 +228,7 @@ def test_what_a_horizon_takes_is_what_is_said() -> None:
     library = arm.folder / arm.manifest["library"]
     done = subprocess.run([size, str(library)], capture_output=True, text=True, check=True)
     data, zeros = (int(word) for word in done.stdout.splitlines()[1].split()[1:3])
-    structure = parse(c.structure)
+    structure = parse_structure(c.structure)
     assert structure is not None
     taken = arm.module.length("mpc_tick", "controller") + data + zeros
-    assert 0.9 < memory(structure, arm.n, 8) / taken < 1.1
+    assert 0.9 < memory_needed(structure, arm.n, 8) / taken < 1.1

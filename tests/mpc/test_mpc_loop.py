@@ -11,12 +11,12 @@ from mpc_arms import WALLS, built
 
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.reference_motion import Reference, circle
-from hdagen.mpc.benchmark.estimator_consistency import consistent
-from hdagen.mpc.benchmark.law_comparison import kept as held
-from hdagen.mpc.benchmark.law_comparison import random_runs, vary
-from hdagen.mpc.closed_loop_trial import Outcome, Trial, outcome, trial
+from hdagen.mpc.benchmark.estimator_consistency import summarize_innovations
+from hdagen.mpc.benchmark.law_comparison import drive_random_runs, vary_parameters
+from hdagen.mpc.benchmark.law_comparison import keeps_soft_limits as held
+from hdagen.mpc.closed_loop_trial import Trial, TrialOutcome, evaluate_trial, run_trial
 from hdagen.mpc.configuration import Configuration, Wall
-from hdagen.mpc.impact import jolt
+from hdagen.mpc.impact import measure_sudden_force
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push, run
@@ -25,16 +25,16 @@ HARD = (Push(0.6, 1.2, (25.0, 0.0)), Push(1.5, 2.0, (0.0, 25.0)))
 
 
 @pytest.fixture(scope="module")
-def hard() -> tuple[Arm, Trial, Outcome]:
+def hard() -> tuple[Arm, Trial, TrialOutcome]:
     """A loop pushed hard against a wall that bears 20 N and a fixture."""
     arm, c = built()
     path = circle(0.05, (0.2, 0.0), 5.0, 2.5)
     controller = MPC(arm, c)
-    found = trial(arm, controller, path, HARD, Sensors(), WALLS, seed=1)
-    return arm, found, outcome(arm, c, path, found, controller)
+    found = run_trial(arm, controller, path, HARD, Sensors(), WALLS, seed=1)
+    return arm, found, evaluate_trial(arm, c, path, found, controller)
 
 
-def test_limits_hold_where_the_ideal_motion_would_break_them(hard: tuple[Arm, Trial, Outcome]) -> None:
+def test_limits_hold_where_the_ideal_motion_would_break_them(hard: tuple[Arm, Trial, TrialOutcome]) -> None:
     arm, found, result = hard
     assert result.refused == 0
     assert held(arm, built()[1], result), result.violated
@@ -56,14 +56,14 @@ def test_what_begins_beyond_a_limit_comes_back_without_breaking_another(limit: d
     other limits allow, and says all the while where it is."""
     arm, c = built()
     far = tuple(replace(w, offset=10.0) for w in WALLS)
-    c = c.changed(**{"walls": far, **limit}, limits__sudden=0.0)
+    c = c.with_changes(**{"walls": far, **limit}, limits__sudden=0.0)
     q = np.array([0.5, 0.5])
     tip = arm.evaluate("points", q=q)["points"][-2:]
     still = np.zeros((2000, 2))
     path = Reference("tip", 1e-3, np.tile(tip, (2000, 1)), still, still)
     controller = MPC(arm, c)
-    found = trial(arm, controller, path, (), Sensors(), (), seed=1, start=q)
-    result = outcome(arm, c, path, found, controller)
+    found = run_trial(arm, controller, path, (), Sensors(), (), seed=1, start=q)
+    result = evaluate_trial(arm, c, path, found, controller)
     status, family = found.simulation.status, row.removesuffix("_2")
     beyond = np.array([r.violated[family] for r in found.reports])
     assert beyond[0] > 0.05
@@ -75,32 +75,34 @@ def test_what_begins_beyond_a_limit_comes_back_without_breaking_another(limit: d
     assert np.diff(beyond[50:]).max() < 1e-3  # it does not go back there
 
 
-def test_no_plan_runs_into_a_springs_pole(hard: tuple[Arm, Trial, Outcome]) -> None:
+def test_no_plan_runs_into_a_springs_pole(hard: tuple[Arm, Trial, TrialOutcome]) -> None:
     """A flexspline stiffens towards a pole not far beyond the limit of its torque; a plan that was linearised there
     swings from tick to tick, by thousands of N m and hundreds of rad/s."""
     reports = hard[1].reports
-    assert max(r.foreseen["motor_speed"] for r in reports) < 1.0
-    assert max(r.foreseen["joint_torque"] for r in reports) < 200.0
-    assert max(r.foreseen["tip_speed"] for r in reports) < 0.03
+    assert max(r.predicted_violation["motor_speed"] for r in reports) < 1.0
+    assert max(r.predicted_violation["joint_torque"] for r in reports) < 200.0
+    assert max(r.predicted_violation["tip_speed"] for r in reports) < 0.03
     assert all(r.solved == 0 for r in reports)
 
 
 def test_a_force_that_comes_at_once_moves_the_tip_before_any_torque_answers() -> None:
     arm, _ = built()
-    found = jolt(arm, np.array([[0.2, 0.05], [0.2, -0.05]]), 30.0)
+    found = measure_sudden_force(arm, np.array([[0.2, 0.05], [0.2, -0.05]]), 30.0)
     assert 0.001 < found.when < 0.01
     assert 0.02 < found.median < found.largest < 0.1
-    assert abs(jolt(arm, np.array([[0.2, 0.05], [0.2, -0.05]]), 3.0).largest / found.largest - 0.1) < 0.02
+    assert (
+        abs(measure_sudden_force(arm, np.array([[0.2, 0.05], [0.2, -0.05]]), 3.0).largest / found.largest - 0.1) < 0.02
+    )
 
 
 def test_where_no_limit_is_near_the_tip_moves_as_the_ideal_admittance() -> None:
     arm, c = built()
     far = tuple(type(w)(w.normal, 10.0) for w in WALLS)
-    c = c.changed(far, limits__tip_speed=1.0)
+    c = c.with_changes(far, limits__tip_speed=1.0)
     path = circle(0.05, (0.2, 0.0), 5.0, 2.0)
     controller = MPC(arm, c)
-    found = trial(arm, controller, path, [Push(0.8, 1.3, (15.0, 0.0))], Sensors(), (), seed=1)
-    result = outcome(arm, c, path, found, controller)
+    found = run_trial(arm, controller, path, [Push(0.8, 1.3, (15.0, 0.0))], Sensors(), (), seed=1)
+    result = evaluate_trial(arm, c, path, found, controller)
     assert result.distance < 1e-4
     assert result.largest < 2.5e-3  # the push itself: no controller knows it before it comes
     assert (found.simulation.status >= 0).all()
@@ -113,11 +115,13 @@ def test_the_estimator_is_consistent(spread: float) -> None:
     arm, c = built()
     plant = load("paper", "portable", out=arm.folder.parent, mpc=c)
     if spread:
-        vary(plant, np.random.default_rng(1))
+        vary_parameters(plant, np.random.default_rng(1))
     far = tuple(replace(w, offset=10.0) for w in WALLS)
-    controller = MPC(arm, c.changed(far, limits__tip_speed=1.0))
+    controller = MPC(arm, c.with_changes(far, limits__tip_speed=1.0))
     path = circle(0.05, (0.2, 0.0), 5.0, 2.0)
-    found = consistent("", arm, trial(plant, controller, path, [Push(1.0, 1.5, (10.0, 5.0))], Sensors(), (), seed=2))
+    found = summarize_innovations(
+        "", arm, run_trial(plant, controller, path, [Push(1.0, 1.5, (10.0, 5.0))], Sensors(), (), seed=2)
+    )
     assert found.readings == 4
     assert 3.0 < found.mean < 5.0
     assert 0.92 < found.below < 1.0
@@ -128,7 +132,7 @@ def test_a_measurement_that_is_given_again_or_lost_does_not_mislead_the_estimate
     """The estimate of a loop in which every tenth sample comes twice, and the next one too late for its own tick."""
     arm, c = built()
     far = tuple(replace(w, offset=10.0) for w in WALLS)
-    controller = MPC(arm, c.changed(far, limits__tip_speed=1.0))
+    controller = MPC(arm, c.with_changes(far, limits__tip_speed=1.0))
     kept: dict[str, np.ndarray] = {}
     stamps = [0.0]
 
@@ -139,13 +143,13 @@ def test_a_measurement_that_is_given_again_or_lost_does_not_mislead_the_estimate
         stamps.append(float(controller.measurement[0]))
         controller.prepare()
         controller.step()
-        seen.append(controller.report().x)
+        seen.append(controller.report().state_estimate)
 
     seen: list[np.ndarray] = []
-    controller.through(tick)
+    controller.wrap_tick(tick)
     path = circle(0.05, (0.2, 0.0), 5.0, 1.0)
     found = run(arm, controller, path, [Push(0.5, 0.8, (8.0, 0.0))], Sensors(), 3)
-    controller.through(None)
+    controller.wrap_tick(None)
     assert set(found.status) <= {0, 1, 4}
     assert 90 <= int(np.sum(found.status == 4)) <= 110
     wrong = np.abs(np.array(seen)[200:, : arm.n] - found.state[200:, : arm.n])
@@ -159,12 +163,12 @@ def test_a_current_that_is_measured_tells_the_estimate_what_acted() -> None:
     arm, c = built()
     plant = load("paper", "portable", effects=("current_loop_lag",), out=arm.folder.parent)
     plant.parameters.update({"current_lag_1": 3e-3, "current_lag_2": 3e-3})
-    far = c.changed(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0)
+    far = c.with_changes(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0)
     path = circle(0.05, (0.2, 0.0), 5.0, 2.0)
     disturbance, innovation = {}, {}
     for acting in ("sent", "measured"):
-        controller = MPC(arm, far.changed(estimator__acting=acting))
-        found = trial(plant, controller, path, [Push(1.0, 1.5, (10.0, 5.0))], Sensors(), (), seed=2)
+        controller = MPC(arm, far.with_changes(estimator__acting=acting))
+        found = run_trial(plant, controller, path, [Push(1.0, 1.5, (10.0, 5.0))], Sensors(), (), seed=2)
         assert (found.simulation.status >= 0).all()
         disturbance[acting] = np.sqrt(np.mean([r.disturbance**2 for r in found.reports[300:]]))
         innovation[acting] = np.mean([r.innovation for r in found.reports[300:]])
@@ -177,9 +181,9 @@ def test_the_momentum_observer_follows_a_step_of_force(size: float) -> None:
     """Its delay to half of the step, its bias on it, and no collision before it."""
     arm, c = built()
     far = tuple(type(w)(w.normal, 10.0) for w in WALLS)
-    controller = MPC(arm, c.changed(far, limits__tip_speed=1.0))
+    controller = MPC(arm, c.with_changes(far, limits__tip_speed=1.0))
     path = circle(0.03, (0.2, 0.0), 5.0, 1.4)
-    found = trial(arm, controller, path, [Push(0.8, 1.4, (size, 0.0))], Sensors(), (), seed=3)
+    found = run_trial(arm, controller, path, [Push(0.8, 1.4, (size, 0.0))], Sensors(), (), seed=3)
     seen = np.array([r.observed_force[0] for r in found.reports])
     half = int(np.argmax(seen[800:] > 0.5 * size))
     assert 2 <= half <= 40
@@ -192,23 +196,23 @@ def test_the_momentum_observer_follows_a_step_of_force(size: float) -> None:
 def test_it_tracks_with_the_estimated_force_too() -> None:
     arm, c = built()
     far = tuple(type(w)(w.normal, 10.0) for w in WALLS)
-    c = c.changed(far, admittance__force="estimate", limits__tip_speed=1.0)
+    c = c.with_changes(far, admittance__force="estimate", limits__tip_speed=1.0)
     path = circle(0.03, (0.2, 0.0), 5.0, 1.2)
     controller = MPC(arm, c)
-    found = trial(arm, controller, path, [Push(0.6, 1.0, (10.0, 0.0))], Sensors(), (), seed=3)
+    found = run_trial(arm, controller, path, [Push(0.6, 1.0, (10.0, 0.0))], Sensors(), (), seed=3)
     assert (found.simulation.status >= 0).all()
-    assert outcome(arm, c, path, found, controller).distance < 3e-3
+    assert evaluate_trial(arm, c, path, found, controller).distance < 3e-3
 
 
 @pytest.mark.parametrize("delay", [1, 3])
 def test_a_delay_that_the_stamps_tell_of_is_carried_over(delay: int) -> None:
     arm, c = built()
     far = tuple(type(w)(w.normal, 10.0) for w in WALLS)
-    c = c.changed(far, limits__tip_speed=1.0)
+    c = c.with_changes(far, limits__tip_speed=1.0)
     path = circle(0.05, (0.2, 0.0), 5.0, 1.5)
     controller = MPC(arm, c)
-    found = trial(arm, controller, path, [Push(0.8, 1.2, (10.0, 0.0))], Sensors(delay=delay), (), seed=2)
-    assert outcome(arm, c, path, found, controller).distance < 2e-4
+    found = run_trial(arm, controller, path, [Push(0.8, 1.2, (10.0, 0.0))], Sensors(delay=delay), (), seed=2)
+    assert evaluate_trial(arm, c, path, found, controller).distance < 2e-4
 
 
 @pytest.mark.parametrize("told, distance", [(2, 2e-4), (0, np.inf)])
@@ -216,7 +220,7 @@ def test_a_delay_that_no_stamp_tells_of_is_stated_in_ticks(told: int, distance: 
     """Samples two ticks old with the stamps of now: with `mpc.delay` they are carried over, without it they are not."""
     arm, c = built()
     far = tuple(replace(w, offset=10.0) for w in WALLS)
-    c = c.changed(far, limits__tip_speed=1.0, mpc__delay=told)
+    c = c.with_changes(far, limits__tip_speed=1.0, mpc__delay=told)
     path = circle(0.05, (0.2, 0.0), 5.0, 1.5)
     controller = MPC(arm, c)
 
@@ -224,12 +228,12 @@ def test_a_delay_that_no_stamp_tells_of_is_stated_in_ticks(told: int, distance: 
         controller.measurement[0] += 2e-3  # the stamp
         controller.prepare()
         controller.step()
-        estimates.append(controller.report().x[: 2 * arm.n])
+        estimates.append(controller.report().state_estimate[: 2 * arm.n])
 
     estimates: list[np.ndarray] = []
-    controller.through(tick)
+    controller.wrap_tick(tick)
     found = run(arm, controller, path, [Push(0.8, 1.2, (10.0, 0.0))], Sensors(delay=2), 2)
-    controller.through(None)
+    controller.wrap_tick(None)
     off = np.linalg.norm(found.tip - path.position, axis=1)[300:750]  # before the push
     assert np.median(off) < distance
     behind = np.abs(np.array(estimates) - found.state[:, : 2 * arm.n])[300:, arm.n :].mean()  # rad at the joints
@@ -243,20 +247,20 @@ def test_a_grid_that_widens_and_a_force_that_fades_follow_the_ideal_too() -> Non
     arm, c = built(nodes=len(grid))
     far = tuple(replace(w, offset=10.0) for w in WALLS)
     values = {key: value for key, value in c.values.items() if key != "mpc.nodes"}
-    c = Configuration(values, far).changed(mpc__grid=grid, mpc__period=2e-3, limits__tip_speed=1.0)
+    c = Configuration(values, far).with_changes(mpc__grid=grid, mpc__period=2e-3, limits__tip_speed=1.0)
     controller = MPC(arm, c)
     path = circle(0.05, (0.2, 0.0), 5.0, 2.0, 2e-3)
-    found = trial(arm, controller, path, [Push(0.8, 1.3, (15.0, 0.0))], Sensors(), (), seed=1)
+    found = run_trial(arm, controller, path, [Push(0.8, 1.3, (15.0, 0.0))], Sensors(), (), seed=1)
     assert (found.simulation.status >= 0).all()
-    assert outcome(arm, c, path, found, controller).distance < 3e-4
-    controller.configure_with(c.changed(admittance__force_decay=8.0))
+    assert evaluate_trial(arm, c, path, found, controller).distance < 3e-4
+    controller.configure_with(c.with_changes(admittance__force_decay=8.0))
     controller.restart()
     q = np.array([0.6, -1.2])
     tip = arm.evaluate("points", q=q)["points"][-2:]
     controller.path[:] = np.r_[tip, 0.0, 0.0]
     theta = q * 100.0
     assert controller.tick(0.0, motor_position=theta, joint_position=q, tip_force=(6.0, 0.0)) in (0, 1)
-    goal = np.array(controller.whole().data["goal"])[:, 0] - tip[0]
+    goal = np.array(controller.nonlinear_problem().data["goal"])[:, 0] - tip[0]
     M, B, K, fade = 2.0, 45.0, 500.0, 8.0
     x, v, t, ends = 0.0, 0.0, 0.0, np.cumsum(grid)
     ideal, h = [], 1e-6
@@ -272,7 +276,7 @@ def test_a_grid_that_widens_and_a_force_that_fades_follow_the_ideal_too() -> Non
 def test_the_same_seed_gives_the_same_run() -> None:
     arm, c = built()
     path = circle(0.05, (0.2, 0.0), 5.0, 0.3)
-    one, other = (trial(arm, MPC(arm, c), path, HARD, Sensors(), WALLS, seed=5).simulation.torque for _ in range(2))
+    one, other = (run_trial(arm, MPC(arm, c), path, HARD, Sensors(), WALLS, seed=5).simulation.torque for _ in range(2))
     assert np.array_equal(one, other)
 
 
@@ -281,7 +285,7 @@ def test_random_runs_keep_every_limit_and_follow_no_worse_than_the_admittance_la
     """Pushes, parameters, noise and delay at random; the law's gains are those that `hdagen mpc table` tunes."""
     tuned = {"bandwidth": 74.2, "observer_bandwidth": 52.8, "velocity_cutoff": 136.8}
     ratios = []
-    for one in random_runs(count, tuned, "portable", out=built()[0].folder.parent):
+    for one in drive_random_runs(count, tuned, "portable", out=built()[0].folder.parent):
         assert one.legal, one
         assert one.kept, one
         ratios.append(one.free.distance / one.admittance.distance)

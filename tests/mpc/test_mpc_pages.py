@@ -14,7 +14,7 @@ from mpc_arms import folder
 from hdagen.__main__ import USAGE, main
 from hdagen.log.measured_log import read as read_log
 from hdagen.mpc import explanation_page
-from hdagen.mpc.tick_record import read
+from hdagen.mpc.tick_record import read_record
 
 TOML = """[limits]
 tip_speed = 0.15
@@ -44,7 +44,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_log_is_a_log_and_the_record_says_what_the_controller_did(run: Path) -> None:
-    log, record = read_log(run / "run.parquet"), read(run / "run.parquet")
+    log, record = read_log(run / "run.parquet"), read_record(run / "run.parquet")
     assert len(log) == len(record["time"]) == 1500
     assert np.array_equal(log.time, record["time"])
     assert (record["rung"] == 0).all()
@@ -84,7 +84,7 @@ def test_a_browser_shows_the_page_without_a_word(run: Path) -> None:
 
 
 def test_names_that_are_html_are_text(run: Path, tmp_path: Path) -> None:
-    explanation_page.write(tmp_path / "page.html", NAME, read(run / "run.parquet"))
+    explanation_page.write_record_page(tmp_path / "page.html", NAME, read_record(run / "run.parquet"))
     check_escaped((tmp_path / "page.html").read_text(encoding="utf-8"), 2)
 
 

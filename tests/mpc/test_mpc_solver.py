@@ -12,7 +12,7 @@ from mpc_problems import FREE, Sizes, by_daqp, by_osqp, condensed, price, random
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.reference_motion import circle
 from hdagen.mpc.benchmark.solver_timing import INTERIOR, OSQP, RICCATI, Solver
-from hdagen.mpc.closed_loop_trial import trial
+from hdagen.mpc.closed_loop_trial import run_trial
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push
@@ -50,7 +50,7 @@ def test_the_first_torque_is_that_of_daqp_on_a_closed_loop() -> None:
     arm, c = built()
     sizes, solver = sizes_of(arm), Solver(arm)
     path = circle(0.05, (0.2, 0.0), 5.0, 0.8)
-    found = trial(arm, MPC(arm, c), path, [Push(0.2, 0.6, (25.0, 10.0))], Sensors(), WALLS, seed=1, keep=True)
+    found = run_trial(arm, MPC(arm, c), path, [Push(0.2, 0.6, (25.0, 10.0))], Sensors(), WALLS, seed=1, keep=True)
     active, warm = [], 0
     for k in range(150, 800, 10):
         problem, solution = found.problems[k]
@@ -72,7 +72,7 @@ def test_the_first_torque_is_that_of_osqp_on_a_closed_loop() -> None:
     arm, c = built()
     sizes, solver = sizes_of(arm), Solver(arm)
     path = circle(0.05, (0.2, 0.0), 5.0, 0.8)
-    found = trial(arm, MPC(arm, c), path, [Push(0.2, 0.6, (25.0, 10.0))], Sensors(), WALLS, seed=1, keep=True)
+    found = run_trial(arm, MPC(arm, c), path, [Push(0.2, 0.6, (25.0, 10.0))], Sensors(), WALLS, seed=1, keep=True)
     solved = 0
     for k in (140, 260, 620, 700):
         problem, _ = found.problems[k]

@@ -59,7 +59,7 @@ def test_a_measurement_that_is_no_number_is_refused_and_latched(loop: Loop, chan
     fault = loop.k.read_fault()
     assert fault is not None
     assert fault.status == -20
-    assert fault.further == 1
+    assert fault.later_faults == 1
     assert np.isnan(fault.measurement).sum() + np.isinf(fault.measurement).sum() == 1
     assert np.array_equal(fault.reference, loop.k.reference)
     assert loop.tick() == -1
@@ -114,7 +114,7 @@ def test_the_ladder_sends_the_shifted_plan_then_the_impedance(loop: Loop) -> Non
     loop.k.path[:, :2] += 0.001  # so that the plan moves
     for _ in range(3):
         assert loop.tick() in (0, 2)
-    plan, anchor = loop.k.report().plan, loop.k.report().x
+    plan, anchor = loop.k.report().planned_torque, loop.k.report().state_estimate
     loop.k.prepare()
     loop.k.path[:] = 1e30
     for status in (22, 22):
@@ -128,7 +128,7 @@ def test_the_ladder_sends_the_shifted_plan_then_the_impedance(loop: Loop) -> Non
     for _ in range(7):
         hold, last = -loop.k.report().disturbance, loop.last  # a horizontal arm that nothing pushes
         assert loop.tick(motor_position=loop.theta + np.array([0.02, -0.02])) == 23
-        x, inertia, bandwidth = loop.k.report().x, 1.289e-4, 20.0
+        x, inertia, bandwidth = loop.k.report().state_estimate, 1.289e-4, 20.0
         pull = inertia * bandwidth**2 * (anchor - x)[places] - 2 * inertia * bandwidth * x[speeds]
         assert np.abs(pull).max() > 1e-3
         step = np.clip(hold + pull - last, -loop.rate, loop.rate)
@@ -162,7 +162,7 @@ def test_a_start_outside_a_limit_and_a_wall_through_the_tip_are_legal_and_said(l
     arm, c = built()
     tip = arm.evaluate("points", q=loop.q)["points"][-2:]
     walls = (Wall((1.0, 0.0), float(tip[0]) - 0.02), Wall((0.0, 1.0), float(tip[1]) - 0.01))
-    loop.k.configure_with(c.changed(walls))
+    loop.k.configure_with(c.with_changes(walls))
     seen = []
     for _ in range(31):
         seen.append(loop.tick())
@@ -186,7 +186,7 @@ def test_a_force_limit_holds_whatever_is_asked(loop: Loop) -> None:
     """The guard's limit of the static tip force stands over the plan: no torque presses more, and it is said."""
     arm, c = built()
     limit = 1.5
-    loop.k.configure_with(c.changed(fallback__force_limit=limit))
+    loop.k.configure_with(c.with_changes(fallback__force_limit=limit))
     loop.k.path[:, :2] += (0.03, -0.03)
     J = arm.evaluate("tip_jacobian", q=loop.q, v=np.zeros(2))["J"].reshape(2, 2).T
     statuses, pressed = [], []
@@ -200,10 +200,10 @@ def test_a_force_limit_holds_whatever_is_asked(loop: Loop) -> None:
 
 
 def test_limits_move_while_it_runs_and_refused_ones_change_nothing(loop: Loop) -> None:
-    loop.k.limit(tip_speed=0.05)
+    loop.k.move_limits(tip_speed=0.05)
     assert loop.tick() in (0, 20)
     with pytest.raises(PlantError, match="tip_speed"):
-        loop.k.limit(tip_speed=-1.0)
+        loop.k.move_limits(tip_speed=-1.0)
     assert loop.k.configuration["limits.tip_speed"] == 0.05
 
 

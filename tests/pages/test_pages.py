@@ -20,9 +20,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hdagen.pages import animation, figure, markup, page, palette
-from hdagen.pages.axis import fit
-from hdagen.pages.decimation import extremes, kept, packed, samples
-from hdagen.pages.quantity import MINUS, number, quantity
+from hdagen.pages.axis import fit_axis
+from hdagen.pages.decimation import as_samples, choose_rows, find_extreme_rows, pack_floats
+from hdagen.pages.quantity import MINUS_SIGN, format_number, scale_quantity
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 HOSTILE = [
@@ -88,17 +88,19 @@ def test_hostile_words_stay_words(hostile: str) -> None:
     assert [one for one in attacked.shape if one[0] not in body] == [one for one in plain.shape if one[0] not in body]
     known = {name for _, names in plain.shape for name in names}
     assert {name for _, names in attacked.shape for name in names} <= known
-    assert markup.clean(hostile) + "title" in attacked.blocks["h1"][0]
+    assert markup.replace_unprintable(hostile) + "title" in attacked.blocks["h1"][0]
     assert all(json.loads(block) is not None for block in attacked.blocks["script"][:-1])
 
 
 @given(st.text())
 def test_escaping_is_undone_by_reading(words: str) -> None:
-    outline = Outline(markup.tag("p", markup.escape(words), title=words) + markup.block([words]))
-    assert outline.blocks["p"] == [markup.clean(words)]
-    assert outline.values[0] == ("p", "title", markup.clean(words))
+    outline = Outline(
+        markup.build_element("p", markup.escape_html(words), title=words) + markup.build_data_block([words])
+    )
+    assert outline.blocks["p"] == [markup.replace_unprintable(words)]
+    assert outline.values[0] == ("p", "title", markup.replace_unprintable(words))
     assert json.loads(outline.blocks["script"][0]) == [words] and "<" not in outline.blocks["script"][0]
-    markup.clean(words).encode("utf-8")
+    markup.replace_unprintable(words).encode("utf-8")
 
 
 def test_same_numbers_same_bytes() -> None:
@@ -144,12 +146,17 @@ def test_a_minute_of_two_joints_stays_below_five_megabytes() -> None:
     noise = rng.normal(size=(16, time.size))
     tip = np.stack([0.35 + 0.05 * np.cos(time), 0.15 + 0.05 * np.sin(time)], axis=1)
     pair = [figure.Series("measured", noise[0]), figure.Series("replay", noise[1])]
-    figs = [animation.arm("arm", time, [animation.Arm("one", sample_page.points(tip))])]
+    figs = [animation.animate_arms("arm", time, [animation.MovingArm("one", sample_page.points(tip))])]
     figs += [
-        figure.panels(str(at), time, [figure.Panel("a (N m)", pair), figure.Panel("b (N m)", pair)]) for at in range(7)
+        figure.draw_panels(str(at), time, [figure.Panel("a (N m)", pair), figure.Panel("b (N m)", pair)])
+        for at in range(7)
     ]
-    figs += [figure.xy("path", [figure.Curve("tip", *(tip.T + 1e-3 * noise[:2]), time=time)], x_label="x", y_label="y")]
-    text = page.render("t", "v", [page.Section("s", "", figs)], "r")
+    figs += [
+        figure.draw_plane(
+            "path", [figure.Curve("tip", *(tip.T + 1e-3 * noise[:2]), time=time)], x_label="x", y_label="y"
+        )
+    ]
+    text = page.render_page("t", "v", [page.Section("s", "", figs)], "r")
     assert 1e6 < len(text.encode()) < 5e6
 
 
@@ -172,15 +179,17 @@ def test_awkward_numbers_are_drawn_or_left_out(name: str, log: bool) -> None:
     y = AWKWARD[name]
     x = np.arange(float(len(y)))
     both = [
-        figure.lines("a", x, [figure.Series("s", y, band_of=(y, y))], y_label="a (N m)", log_x=log, log_y=log),
-        figure.lines("a", x, [figure.Series("s", y, draw="step")], y_label="a (kg)", bands=[(0.0, 1.0, "b")]),
-        figure.xy("a", [figure.Curve("s", y, y, draw="points")], x_label="x (m)", y_label="y (m)", log_x=log),
-        figure.bars("a", [str(at) for at in x], [figure.Bars("s", y, (y, y))], value_label="a (m)", log=log),
-        figure.table("a", ["x", "y"], [[one, one] for one in y]),
+        figure.draw_lines("a", x, [figure.Series("s", y, band_of=(y, y))], y_label="a (N m)", log_x=log, log_y=log),
+        figure.draw_lines("a", x, [figure.Series("s", y, draw="step")], y_label="a (kg)", bands=[(0.0, 1.0, "b")]),
+        figure.draw_plane("a", [figure.Curve("s", y, y, draw="points")], x_label="x (m)", y_label="y (m)", log_x=log),
+        figure.draw_bars("a", [str(at) for at in x], [figure.BarGroup("s", y, (y, y))], value_label="a (m)", log=log),
+        figure.draw_table("a", ["x", "y"], [[one, one] for one in y]),
     ]
     if len(y) == 9:
         both.append(
-            figure.heat("a", list("abc"), list("def"), np.reshape(y, (3, 3)), x_label="", y_label="", value_label="v")
+            figure.draw_heat_map(
+                "a", list("abc"), list("def"), np.reshape(y, (3, 3)), x_label="", y_label="", value_label="v"
+            )
         )
     for drawn in both:
         outline = Outline(drawn)
@@ -194,12 +203,14 @@ def test_awkward_numbers_are_drawn_or_left_out(name: str, log: bool) -> None:
 
 def test_no_series_no_panel_no_arm() -> None:
     for drawn in (
-        figure.lines("a", [], [], y_label="a"),
-        figure.panels("a", [0.0, 1.0], []),
-        figure.planes("a", [], x_label="x", y_label="y"),
-        figure.bars("a", [], [], value_label="v"),
-        animation.arm("a", [], []),
-        animation.arm("a", [0.0], [animation.Arm("one", np.full((1, 3, 2), np.nan))], target=[[np.nan, 0.0]]),
+        figure.draw_lines("a", [], [], y_label="a"),
+        figure.draw_panels("a", [0.0, 1.0], []),
+        figure.draw_planes("a", [], x_label="x", y_label="y"),
+        figure.draw_bars("a", [], [], value_label="v"),
+        animation.animate_arms("a", [], []),
+        animation.animate_arms(
+            "a", [0.0], [animation.MovingArm("one", np.full((1, 3, 2), np.nan))], target=[[np.nan, 0.0]]
+        ),
     ):
         Outline(drawn)
         assert "nan" not in drawn
@@ -208,9 +219,9 @@ def test_no_series_no_panel_no_arm() -> None:
 @settings(deadline=None)
 @given(st.lists(st.floats(-1e6, 1e6) | st.just(math.nan), min_size=1, max_size=400), st.integers(1, 40))
 def test_thinning_keeps_every_extreme_and_every_gap(values: list[float], stretches: int) -> None:
-    column = samples(values)
+    column = as_samples(values)
     position = np.arange(column.size, dtype=float)
-    rows = extremes(position, [column], stretches)
+    rows = find_extreme_rows(position, [column], stretches)
     assert np.all(np.diff(rows) > 0) and rows.size <= 3 * stretches + 2
     assert rows[0] == 0 and rows[-1] == column.size - 1
     share = position / max(column.size - 1, 1)  # a row at an edge of two stretches lies where rounding puts it
@@ -227,9 +238,9 @@ def test_a_single_spike_survives_thinning_and_drawing() -> None:
     y = np.zeros(60_000)
     y[31_234] = 1.0
     time = np.arange(y.size) * 1e-3
-    rows = kept(time, [y, y, y], 3000)
+    rows = choose_rows(time, [y, y, y], 3000)
     assert 31_234 in rows and 2000 < rows.size <= 3010
-    drawn = figure.lines("a", time, [figure.Series("", y)], y_label="a")
+    drawn = figure.draw_lines("a", time, [figure.Series("", y)], y_label="a")
     desk = re.findall(r'd="(M[^"]*)"', drawn[: drawn.index("narrow")])
     highest = min(float(v) for d in desk for v in re.findall(r"L[\d.]+ ([\d.]+)", d))
     assert highest == pytest.approx(240 * 0.05 / 1.1, abs=0.2)  # 5 % below the top of an axis of 240 px
@@ -237,13 +248,13 @@ def test_a_single_spike_survives_thinning_and_drawing() -> None:
 
 def test_packed_numbers_come_back() -> None:
     values = np.array([0.0, 1.5, -2.25e-9, np.nan, 3.4e30])
-    back = np.frombuffer(base64.b64decode(packed(values)), "<f4")
+    back = np.frombuffer(base64.b64decode(pack_floats(values)), "<f4")
     np.testing.assert_array_equal(back, values.astype(np.float32))
 
 
 @given(st.floats(-1e8, 1e8), st.floats(1e-6, 1e8), st.integers(2, 12))
 def test_ticks_are_round_and_say_where_they_stand(low: float, span: float, count: int) -> None:
-    axis = fit("torque (N m)", [np.array([low, low + span])])
+    axis = fit_axis("torque (N m)", [np.array([low, low + span])])
     ticks = axis.ticks(count)
     values = np.array([value for value, _ in ticks]) * axis.quantity.factor
     slack = 0.011 * (values[1] - values[0])
@@ -253,12 +264,14 @@ def test_ticks_are_round_and_say_where_they_stand(low: float, span: float, count
         values[0] >= axis.low * axis.quantity.factor - slack and values[-1] <= axis.high * axis.quantity.factor + slack
     )
     for value, (_, text) in zip(values, ticks, strict=True):
-        assert float(text.replace(MINUS, "-")) == pytest.approx(value, rel=1e-9, abs=1e-9 * (values[1] - values[0]))
+        assert float(text.replace(MINUS_SIGN, "-")) == pytest.approx(
+            value, rel=1e-9, abs=1e-9 * (values[1] - values[0])
+        )
 
 
 @given(st.floats(1e-12, 1e6), st.floats(1.001, 1e12), st.integers(2, 12))
 def test_ticks_of_a_log_axis_lie_on_it(low: float, ratio: float, count: int) -> None:
-    axis = fit("a (kg)", [np.array([low, low * ratio])], log=True)
+    axis = fit_axis("a (kg)", [np.array([low, low * ratio])], log=True)
     ticks = axis.ticks(count)
     assert 1 <= len(ticks) <= 3 * count + 1
     assert all(axis.low * (1 - 1e-2) <= value <= axis.high * (1 + 1e-2) for value, _ in ticks)
@@ -266,13 +279,13 @@ def test_ticks_of_a_log_axis_lie_on_it(low: float, ratio: float, count: int) -> 
 
 
 def test_quantities_take_a_prefix_only_where_the_unit_does() -> None:
-    assert quantity("torsion (rad)", 3e-4)[:3] == ("torsion", "µrad", pytest.approx(1e6))
-    assert quantity("path (m)", 0.05)[:2] == ("path", "mm")
-    assert quantity("torque (N m)", 0.5)[:2] == ("torque", "N m")
-    assert quantity("stiffness (N m/rad)", 16e3)[:2] == ("stiffness", "kN m/rad")
-    assert quantity("mass (kg)", 2e-5)[:2] == ("mass", "10⁻⁶ kg")
-    assert quantity("share (%)", 0.02)[:2] == ("share", "%")
-    assert [number(x) for x in (0.021434, -1.5, 0.0, math.nan, 60_000, 1.25e-7, -math.inf, 9.99996)] == [
+    assert scale_quantity("torsion (rad)", 3e-4)[:3] == ("torsion", "µrad", pytest.approx(1e6))
+    assert scale_quantity("path (m)", 0.05)[:2] == ("path", "mm")
+    assert scale_quantity("torque (N m)", 0.5)[:2] == ("torque", "N m")
+    assert scale_quantity("stiffness (N m/rad)", 16e3)[:2] == ("stiffness", "kN m/rad")
+    assert scale_quantity("mass (kg)", 2e-5)[:2] == ("mass", "10⁻⁶ kg")
+    assert scale_quantity("share (%)", 0.02)[:2] == ("share", "%")
+    assert [format_number(x) for x in (0.021434, -1.5, 0.0, math.nan, 60_000, 1.25e-7, -math.inf, 9.99996)] == [
         "0.02143", "−1.5", "0", "–", "60000", "1.25×10⁻⁷", "−∞", "10",
     ]  # fmt: skip
 
@@ -295,37 +308,40 @@ DEFICIENCIES = {
 }
 
 
-@pytest.mark.parametrize("which, background", [(0, palette.PAPER), (1, palette.NIGHT)])
+@pytest.mark.parametrize("which, background", [(0, palette.PAPER_COLOR), (1, palette.NIGHT_COLOR)])
 def test_colours_stand_out_and_stay_apart(which: int, background: str) -> None:
-    colors = [palette.COLORS[name][which] for name in palette.CYCLE]
+    colors = [palette.COLORS[name][which] for name in palette.COLOR_CYCLE]
     for color in colors:
-        light = sorted([palette.lightness(color), palette.lightness(background)])
+        light = sorted([palette.compute_luminance(color), palette.compute_luminance(background)])
         assert (light[1] + 0.05) / (light[0] + 0.05) >= 3.0
     for matrix in DEFICIENCIES.values():
         apart = [np.linalg.norm(seen(a, matrix) - seen(b, matrix)) for a in colors for b in colors if a < b]
         assert min(apart) > 12.0
-    assert len({(palette.CYCLE[k % 6], palette.DASH_CYCLE[k % 4]) for k in range(12)}) == 12
+    assert len({(palette.COLOR_CYCLE[k % 6], palette.DASH_CYCLE[k % 4]) for k in range(12)}) == 12
 
 
 def test_equal_axes_are_equal() -> None:
-    drawn = figure.xy("a", [figure.Curve("", [0.0, 0.3], [0.0, 0.1])], x_label="x (m)", y_label="y (m)")
+    drawn = figure.draw_plane("a", [figure.Curve("", [0.0, 0.3], [0.0, 0.1])], x_label="x (m)", y_label="y (m)")
     spans = [[float(v) for v in re.findall(rf'data-{axis}="(\S+) (\S+)"', drawn)[0]] for axis in "xy"]
     width, height = (float(v) for v in re.findall(r'class="area" width="([\d.]+)" height="([\d.]+)"', drawn)[0])
     assert (spans[0][1] - spans[0][0]) / width == pytest.approx((spans[1][1] - spans[1][0]) / height, rel=1e-4)
 
 
 def test_bars_are_as_long_as_their_values() -> None:
-    drawn = figure.bars("a", ["p", "q"], [figure.Bars("", [12.0, -3.0])], value_label="e (m)")
+    drawn = figure.draw_bars("a", ["p", "q"], [figure.BarGroup("", [12.0, -3.0])], value_label="e (m)")
     one, two = (float(w) for w in re.findall(r'<rect [^>]*width="([\d.]+)"[^>]*fill-opacity="0.95"', drawn)[:2])
     assert one / two == pytest.approx(4.0, rel=1e-3)
 
 
 def test_heat_colours_the_cells_and_leaves_gaps() -> None:
-    drawn = figure.heat(
+    drawn = figure.draw_heat_map(
         "a", ["p", "q", "r"], ["s"], [[-2.0, np.nan, 1.0]], x_label="", y_label="", value_label="v", center=0
     )
     patches = re.findall(r'<path d="M([\d.]+) [^"]*" fill="(#\w+)" shape', drawn.split("narrow")[0])
-    assert [color for _, color in patches] == [palette.DIVERGING[0], palette.blend(palette.DIVERGING, 48 / 63)]
+    assert [color for _, color in patches] == [
+        palette.DIVERGING_COLORS[0],
+        palette.blend_colors(palette.DIVERGING_COLORS, 48 / 63),
+    ]
     assert float(patches[0][0]) == 0.0 and "Empty cells hold no data." in drawn
 
 
@@ -333,7 +349,7 @@ def test_the_numbers_of_a_key_never_lie_over_each_other() -> None:
     for rows in (1, 2, 9):
         cells = np.arange(1.0, 1.0 + 2 * rows).reshape(rows, 2) * 8
         names = [f"row {k}" for k in range(rows)]
-        drawn = figure.heat("a", ["p", "q"], names, cells, x_label="x", y_label="y", value_label="cases")
+        drawn = figure.draw_heat_map("a", ["p", "q"], names, cells, x_label="x", y_label="y", value_label="cases")
         key = re.search(r'width="14" [^>]*></rect>((?:<text [^>]*>[^<]*</text>)+)</g>', drawn)
         assert key is not None
         places = [float(y) for y in re.findall(r' y="([-\d.]+)"', key[1])]
@@ -343,15 +359,24 @@ def test_the_numbers_of_a_key_never_lie_over_each_other() -> None:
 @pytest.mark.parametrize(
     "make, found",
     [
-        (lambda: figure.lines("f", [0, 1], [figure.Series("s", [1])], y_label="y"), "y has 1 samples and x has 2"),
-        (lambda: figure.lines("f", [0, 2, 1], [], y_label="y"), r"backwards at sample 2 \(1 after 2\)"),
-        (lambda: figure.lines("f", [0, np.nan], [], y_label="y"), "not a finite number at sample 1"),
-        (lambda: figure.lines("f", [0], [figure.Series("s", [1], dash="wavy")], y_label="y"), "use solid, dashed"),
-        (lambda: figure.lines("f", [0], [figure.Series("s", [1], color="mauve")], y_label="y"), "use one of blue"),
-        (lambda: figure.bars("f", ["a"], [figure.Bars("b", [1, 2])], value_label="v"), "2 numbers for 1 names"),
-        (lambda: figure.heat("f", [0, 1], [1, 0], [[1]], x_label="", y_label="", value_label=""), "2 edges of 1 cells"),
-        (lambda: figure.table("f", ["a"], [["x", 1.0]]), "2 cells for 1 columns"),
-        (lambda: animation.arm("f", [0, 1], [animation.Arm("a", np.zeros((3, 3, 2)))]), r"shape \(3, 3, 2\)"),
+        (lambda: figure.draw_lines("f", [0, 1], [figure.Series("s", [1])], y_label="y"), "y has 1 samples and x has 2"),
+        (lambda: figure.draw_lines("f", [0, 2, 1], [], y_label="y"), r"backwards at sample 2 \(1 after 2\)"),
+        (lambda: figure.draw_lines("f", [0, np.nan], [], y_label="y"), "not a finite number at sample 1"),
+        (lambda: figure.draw_lines("f", [0], [figure.Series("s", [1], dash="wavy")], y_label="y"), "use solid, dashed"),
+        (lambda: figure.draw_lines("f", [0], [figure.Series("s", [1], color="mauve")], y_label="y"), "use one of blue"),
+        (
+            lambda: figure.draw_bars("f", ["a"], [figure.BarGroup("b", [1, 2])], value_label="v"),
+            "2 numbers for 1 names",
+        ),
+        (
+            lambda: figure.draw_heat_map("f", [0, 1], [1, 0], [[1]], x_label="", y_label="", value_label=""),
+            "2 edges of 1 cells",
+        ),
+        (lambda: figure.draw_table("f", ["a"], [["x", 1.0]]), "2 cells for 1 columns"),
+        (
+            lambda: animation.animate_arms("f", [0, 1], [animation.MovingArm("a", np.zeros((3, 3, 2)))]),
+            r"shape \(3, 3, 2\)",
+        ),
     ],
 )
 def test_what_does_not_fit_is_said_in_a_sentence(make: object, found: str) -> None:
@@ -361,16 +386,16 @@ def test_what_does_not_fit_is_said_in_a_sentence(make: object, found: str) -> No
 
 def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "report.html"
-    page.write(path, "one", "v", [], "r")
+    page.write_page(path, "one", "v", [], "r")
     before = path.read_bytes()
-    assert before == page.render("one", "v", [], "r").encode()
+    assert before == page.render_page("one", "v", [], "r").encode()
 
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="what stood there is unchanged: No space left"):
-        page.write(path, "two", "v", [], "r")
+        page.write_page(path, "two", "v", [], "r")
     assert path.read_bytes() == before and [one.name for one in tmp_path.iterdir()] == ["report.html"]
     with pytest.raises(FileNotFoundError, match="nowhere"):
-        page.write(tmp_path / "nowhere" / "report.html", "two", "v", [], "r")
+        page.write_page(tmp_path / "nowhere" / "report.html", "two", "v", [], "r")

@@ -36,7 +36,7 @@ def tab() -> Iterator[chromium.Page]:
 @pytest.fixture
 def shown(tab: chromium.Page, tmp_path: Path) -> Iterator[chromium.Page]:
     """The sample page on a desk of 1000 px; at the end its console must have stayed empty."""
-    page.write(tmp_path / "page.html", "title", "verdict", sample_page.sections(), "how")
+    page.write_page(tmp_path / "page.html", "title", "verdict", sample_page.sections(), "how")
     look(tab, tmp_path / "page.html")
     yield tab
     assert tab.messages == []
@@ -267,7 +267,7 @@ def test_phone_dark_and_print(shown: chromium.Page, tmp_path: Path) -> None:
 
 def test_readable_without_the_script(tab: chromium.Page, tmp_path: Path) -> None:
     path = tmp_path / "page.html"
-    page.write(path, "title", "verdict", sample_page.sections(), "how")
+    page.write_page(path, "title", "verdict", sample_page.sections(), "how")
     tab.call("Emulation.setScriptExecutionDisabled", value=True)
     try:
         look(tab, path)

@@ -20,9 +20,9 @@ from hostile_names import NAME, check_escaped
 from hdagen.__main__ import INTERRUPTED, USAGE, main
 from hdagen.log.measured_log import read
 from hdagen.paper import document_tables, figure_production, figure_store, paper_page
-from hdagen.paper.figure_catalogue import FIGURES, named
+from hdagen.paper.figure_catalogue import PAPER_FIGURES, find_figures
 from hdagen.paper.prototype.figure_result import Axes, Claim, Curve, Grid, Map, Result
-from hdagen.paper.prototype.virtual_prototype import ROBOT, TABLE_1, THREE
+from hdagen.paper.prototype.virtual_prototype import ROBOT, TABLE_1, THREE_JOINTS
 
 ROOT = Path(__file__).parents[2]
 DRAWS = importlib.util.find_spec("matplotlib") is not None
@@ -32,7 +32,7 @@ needs_matplotlib = pytest.mark.skipif(not DRAWS, reason="matplotlib draws the fi
 @pytest.fixture
 def builds(build: Any, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The builds of all three arms, where the command looks for them."""
-    made: list[Compiled] = [build(robot, "native") for robot in (ROBOT, TABLE_1, THREE)]
+    made: list[Compiled] = [build(robot, "native") for robot in (ROBOT, TABLE_1, THREE_JOINTS)]
     monkeypatch.setenv("HDAGEN_BUILD", str(made[0].folder.parent))
     return made[0].folder.parent
 
@@ -48,14 +48,14 @@ def test_every_figure_and_table_of_the_paper_is_there() -> None:
     wanted = {f"fig{n}" for n in ("3b", 8, 9, 11, 12, 14, 15, 16, 17, 18, 19, 20, 21)} | {
         f"table{n}" for n in range(1, 6)
     }
-    assert wanted <= {figure.name for figure in FIGURES}
-    assert len({figure.name for figure in FIGURES}) == len(FIGURES)
+    assert wanted <= {figure.name for figure in PAPER_FIGURES}
+    assert len({figure.name for figure in PAPER_FIGURES}) == len(PAPER_FIGURES)
 
 
 def test_list_names_them(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["paper", "list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == [figure.name for figure in FIGURES]
+    assert [line.split()[0] for line in lines] == [figure.name for figure in PAPER_FIGURES]
 
 
 def test_an_unknown_name_lists_what_exists(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -66,8 +66,8 @@ def test_an_unknown_name_lists_what_exists(capsys: pytest.CaptureFixture[str], t
 
 
 def test_all_is_every_figure_and_a_name_twice_is_one() -> None:
-    assert named(["all"]) == FIGURES
-    assert [figure.name for figure in named(["fig8", "table1", "fig8"])] == ["fig8", "table1"]
+    assert find_figures(["all"]) == PAPER_FIGURES
+    assert [figure.name for figure in find_figures(["fig8", "table1", "fig8"])] == ["fig8", "table1"]
 
 
 def test_a_missing_extra_says_how_to_install_it(
@@ -122,8 +122,8 @@ def test_an_interrupted_run_keeps_what_is_finished_and_goes_on(
     builds: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    monkeypatch.setattr(figure_production, "processors", lambda: 1)
-    drawn = figure_store.drawn
+    monkeypatch.setattr(figure_production, "count_processors", lambda: 1)
+    drawn = figure_store.draw_result
 
     def stop(result: Result) -> tuple[bytes, bytes]:
         if result.name == "fig8":
@@ -131,7 +131,7 @@ def test_an_interrupted_run_keeps_what_is_finished_and_goes_on(
         return drawn(result)
 
     with monkeypatch.context() as patch:
-        patch.setattr(figure_store, "drawn", stop)
+        patch.setattr(figure_store, "draw_result", stop)
         assert main(["paper", "table1", "fig8", "--out", str(out)]) == INTERRUPTED
     assert {"table1.json", "table1.svg"} <= made(out) and "fig8.json" not in made(out)
     assert not [name for name in made(out) if name.startswith(".")]
@@ -153,11 +153,11 @@ def test_every_kind_of_part_is_drawn_and_stands_on_the_page(tmp_path: Path) -> N
         Grid("five", ("a", "b"), [("x", 1.5), ("y", None)]),
     ]  # fmt: skip
     result = Result("fig0", "All kinds", "Words.", parts, [Claim("it says", "it is", None, "<why>")], {"n": np.nan}, 3)
-    content = figure_store.put(tmp_path, result, "k", 0.0)
+    content = figure_store.store_figure(tmp_path, result, "k", 0.0)
     assert content["numbers"] == {"n": None}
-    again = figure_store.put(tmp_path, result, "k", 0.0)
+    again = figure_store.store_figure(tmp_path, result, "k", 0.0)
     assert again["files"] == content["files"]
-    target = paper_page.write(tmp_path, [content], figure_store.sections(tmp_path, ["fig0"]))
+    target = paper_page.write_page(tmp_path, [content], figure_store.read_sections(tmp_path, ["fig0"]))
     html = target.read_text(encoding="utf-8")
     for words in ("All kinds", "it says", "&lt;why", "settling", "Errata", "K_w0 e^"):
         assert words in html, words
@@ -174,8 +174,10 @@ def test_words_that_are_html_are_text(tmp_path: Path) -> None:
         Grid(NAME, (NAME, "b"), [(NAME, 1.5)]),
     ]
     result = Result("fig0", NAME, NAME, parts, [Claim(NAME, NAME, True, NAME)], {NAME: 1.0}, 3)
-    target = paper_page.write(
-        tmp_path, [figure_store.put(tmp_path, result, "k", 0.0)], figure_store.sections(tmp_path, ["fig0"])
+    target = paper_page.write_page(
+        tmp_path,
+        [figure_store.store_figure(tmp_path, result, "k", 0.0)],
+        figure_store.read_sections(tmp_path, ["fig0"]),
     )
     check_escaped(target.read_text(encoding="utf-8"), 10)
     svg = (tmp_path / "fig0.svg").read_text(encoding="utf-8")
@@ -187,16 +189,19 @@ def test_what_is_not_from_the_same_or_not_whole_is_made_again(tmp_path: Path) ->
     kept: dict[str, Any] = {
         "schema": figure_store.SCHEMA,
         "inputs": "k",
-        "files": {"a.svg": figure_store.digest_of(tmp_path / "a.svg")},
+        "files": {"a.svg": figure_store.digest_file(tmp_path / "a.svg")},
     }
     (tmp_path / "a.json").write_text(json.dumps(kept))
-    assert figure_store.finished(tmp_path, "a", "k") == kept
-    assert figure_store.finished(tmp_path, "a", "other") is None and figure_store.finished(tmp_path, "b", "k") is None
+    assert figure_store.read_finished(tmp_path, "a", "k") == kept
+    assert (
+        figure_store.read_finished(tmp_path, "a", "other") is None
+        and figure_store.read_finished(tmp_path, "b", "k") is None
+    )
     (tmp_path / "a.svg").write_text("y")
-    assert figure_store.finished(tmp_path, "a", "k") is None
+    assert figure_store.read_finished(tmp_path, "a", "k") is None
     for damage in ("", "[]", '{"schema": 1}', '{"schema": 1, "inputs": "k", "files": {"gone": "0"}}'):
         (tmp_path / "a.json").write_text(damage)
-        assert figure_store.finished(tmp_path, "a", "k") is None
+        assert figure_store.read_finished(tmp_path, "a", "k") is None
 
 
 # -- documents --------------------------------------------------------------------------------------------------------
@@ -205,15 +210,17 @@ def test_what_is_not_from_the_same_or_not_whole_is_made_again(tmp_path: Path) ->
 def test_docs_paper_is_what_its_results_make() -> None:
     text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
     found = json.loads((ROOT / "docs" / "paper.json").read_text(encoding="utf-8"))
-    assert document_tables.tables(found) in text
-    assert [figure["name"] for figure in found] == [figure.name for figure in FIGURES]
-    assert document_tables.tables(found).count("| yes |") > 20 and "| no |" in document_tables.tables(found)
+    assert document_tables.render_tables(found) in text
+    assert [figure["name"] for figure in found] == [figure.name for figure in PAPER_FIGURES]
+    assert document_tables.render_tables(found).count("| yes |") > 20 and "| no |" in document_tables.render_tables(
+        found
+    )
 
 
 def test_the_document_s_tables_hold_claims_and_choices() -> None:
     claim = {"paper": "a | b", "here": "c", "holds": True, "why": ""}
     choice = {"question": "q", "taken": "t", "alternatives": "x"}
-    text = document_tables.tables([{"name": "fig3b", "title": "T", "claims": [claim], "choices": [choice]}])
+    text = document_tables.render_tables([{"name": "fig3b", "title": "T", "claims": [claim], "choices": [choice]}])
     assert "| Fig. 3 (b) | a / b | c | yes |  |" in text and "| Fig. 3 (b) | q | t | x |" in text
 
 
@@ -221,7 +228,7 @@ def test_results_keep_how_long_a_sweep_took() -> None:
     content = {"name": "maps11", "title": "T", "claims": [], "choices": [], "page": "…"}
     took = {"sets": 10_000, "sweep_seconds": 18.0, "sweep_processor_seconds": 24.0}
     (plain,), (swept,) = (
-        json.loads(document_tables.results([c])) for c in (content, content | {"numbers": took | {"x": 1}})
+        json.loads(document_tables.collect_results([c])) for c in (content, content | {"numbers": took | {"x": 1}})
     )
     assert "sweep" not in plain and "page" not in plain
     assert swept["sweep"] == took
@@ -231,7 +238,7 @@ def test_the_errata_of_the_page_are_those_of_the_document() -> None:
     assert (ROOT / "hdagen" / "data" / "errata.md").read_text(encoding="utf-8") == (
         ROOT / "docs" / "errata.md"
     ).read_text(encoding="utf-8")
-    rows = paper_page.errata()
+    rows = paper_page.read_errata()
     assert len(rows) > 15 and all(len(row) == 4 for row in rows) and rows[0][0] == "(4)"
 
 
@@ -248,7 +255,7 @@ def test_all_of_it_and_the_claims_are_those_of_the_document(builds: Path, tmp_pa
     for name in ("maps11", "maps12"):
         sweep = json.loads((out / f"{name}.json").read_text())["numbers"]
         assert sweep["sets"] == 10_000 and sweep["sweep_processor_seconds"] < 60, "30 s of two processors"
-    for figure in FIGURES:
+    for figure in PAPER_FIGURES:
         logs_are_replayed(out, json.loads((out / f"{figure.name}.json").read_text())["logs"], tmp_path)
 
 
@@ -260,7 +267,7 @@ def logs_are_replayed(out: Path, logs: dict[str, str], tmp_path: Path) -> None:
         target = tmp_path / "predicted.parquet"
         assert main(["replay", file, str(out / log), "--profile", "native", "--out", str(target)]) == 0, log
         seen, found = (
-            read(path, joints=3 if robot == THREE or "joints3" in log else 2) for path in (out / log, target)
+            read(path, joints=3 if robot == THREE_JOINTS or "joints3" in log else 2) for path in (out / log, target)
         )
         for j in (1, 2):
             assert rms_of(seen[f"joint_position_{j}"] - found[f"joint_position_{j}"]) < 1e-3, (log, j)

@@ -25,7 +25,7 @@ def made(build: Callable) -> Callable[..., Arm]:
 LAW = "[[joint]]\nkp = 8.0\nkv = 0.5\nvelocity_filter_samples = 2\ntorque_scale = 2.0\nlimit = 3.0\n"
 
 
-def looped(arm: Arm, laws: tuple[closed_loop_replay.Law, ...], rows: int = 900) -> Log:
+def looped(arm: Arm, laws: tuple[closed_loop_replay.JointLaw, ...], rows: int = 900) -> Log:
     """The log of ``laws`` driving ``arm`` along a reference, written by a loop of its own."""
     time = 1e-3 * np.arange(rows)
     reference = np.stack([-np.pi / 2 + 0.3 * (1 - np.cos(4 * time)), 0.1 * (1 - np.cos(3 * time))], 1)
@@ -55,15 +55,15 @@ def looped(arm: Arm, laws: tuple[closed_loop_replay.Law, ...], rows: int = 900) 
 def test_a_closed_loop_of_the_true_model_is_the_log_itself(made: Callable, tmp_path: Path) -> None:
     (tmp_path / "controller.toml").write_text(LAW + '[[joint]]\nkp = 9.0\nkv = 1.0\nencoder = "motor"\n')
     laws = closed_loop_replay.read_controller(tmp_path / "controller.toml")
-    assert laws[1] == closed_loop_replay.Law(9.0, 1.0, encoder="motor")
+    assert laws[1] == closed_loop_replay.JointLaw(9.0, 1.0, encoder="motor")
     arm = made(FLEXIBLE)
     log = looped(arm, laws)
-    found = closed_loop_replay.closed_loop(arm, log, laws)
+    found = closed_loop_replay.replay_closed_loop(arm, log, laws)
     for j in (1, 2):
         assert np.ptp(log[f"joint_position_{j}"]) > 0.03
         assert found.columns[f"motor_current_command_{j}"] == pytest.approx(log[f"motor_current_command_{j}"], abs=1e-6)
         assert found.errors[f"joint_position_{j}"] < JOINT and found.errors[f"motor_position_{j}"] < MOTOR
-    windows = closed_loop_replay.closed_loop(arm, log, laws, 0.25)
+    windows = closed_loop_replay.replay_closed_loop(arm, log, laws, 0.25)
     assert len(windows.starts) == 4 and windows.errors["motor_position_1"] < 3 * MOTOR
 
 
@@ -93,12 +93,12 @@ def test_a_wrong_controller_is_refused_with_all_its_problems(tmp_path: Path) -> 
 
 def test_a_loop_that_cannot_be_closed_is_refused(made: Callable) -> None:
     arm = made(FLEXIBLE)
-    law = closed_loop_replay.Law(8.0, 0.5)
+    law = closed_loop_replay.JointLaw(8.0, 0.5)
     with pytest.raises(LogError, match="joint_position_reference_1, joint_position_reference_2 is not logged"):
-        closed_loop_replay.closed_loop(arm, simulated(arm, 0.3), (law, law))
+        closed_loop_replay.replay_closed_loop(arm, simulated(arm, 0.3), (law, law))
     log = looped(arm, (law, law), 50)
     with pytest.raises(PlantError, match=r"has 1 joint\(s\), the robot 2"):
-        closed_loop_replay.closed_loop(arm, log, (law,))
-    wild = closed_loop_replay.Law(1e6, 1e9, torque_scale=-1e6)
+        closed_loop_replay.replay_closed_loop(arm, log, (law,))
+    wild = closed_loop_replay.JointLaw(1e6, 1e9, torque_scale=-1e6)
     with pytest.raises(PlantError, match="left all bounds"):
-        closed_loop_replay.closed_loop(arm, log, (wild, wild))
+        closed_loop_replay.replay_closed_loop(arm, log, (wild, wild))

@@ -9,17 +9,17 @@ import pytest
 from replayed import FLEXIBLE, simulated
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.data.windows import record
-from hdagen.diagnosis.inference.linear_gaussian import Gram, Linear
-from hdagen.diagnosis.inference.marginal_likelihood import TORQUES, posteriors
-from hdagen.diagnosis.inference.multiple_shooting import Lane, Shooting
-from hdagen.diagnosis.inference.sensitivities import knots, torque_units, uncertain_torque
-from hdagen.diagnosis.initialization.candidate_list import dictionary
-from hdagen.diagnosis.initialization.initial_guess import Suggested
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.data.windows import cut_windows
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel
+from hdagen.diagnosis.inference.marginal_likelihood import TORQUE_GRID, compute_posteriors
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
+from hdagen.diagnosis.inference.sensitivities import count_torque_steps, measure_input_uncertainty, measure_torque_units
+from hdagen.diagnosis.initialization.candidate_list import build_candidates
+from hdagen.diagnosis.initialization.initial_guess import InitialGuess
 from hdagen.log.measured_log import Log
-from hdagen.prediction.driving_inputs import driven_by
-from hdagen.prediction.input_interpolation import between_rows
+from hdagen.prediction.driving_inputs import read_driving_inputs
+from hdagen.prediction.input_interpolation import judge_interpolation
 from hdagen.prediction.window_replay import replay
 
 PERIOD = 0.01  # s between rows
@@ -69,8 +69,8 @@ def error(arm: Arm, log: Log) -> float:
 
 def test_a_fast_loops_torque_goes_on_between_rows(heavy: Arm) -> None:
     log = looped(heavy, 5)
-    assert not between_rows(heavy, log, 1, log["motor_torque_1"]).held
-    inputs, notes = driven_by(heavy, log, "command")
+    assert not judge_interpolation(heavy, log, 1, log["motor_torque_1"]).is_held
+    inputs, notes = read_driving_inputs(heavy, log, "command")
     torque = log["motor_torque_1"]
     assert inputs[:-1, 0] == pytest.approx((torque[1:] + torque[:-1]) / 2)
     assert "on a straight line from row to row (held, the motion leaves" in notes[0]
@@ -81,8 +81,8 @@ def test_a_fast_loops_torque_goes_on_between_rows(heavy: Arm) -> None:
 
 def test_a_slow_loops_torque_is_held_between_rows(heavy: Arm) -> None:
     log = looped(heavy, 1)
-    assert between_rows(heavy, log, 1, log["motor_torque_1"]).held
-    inputs, notes = driven_by(heavy, log, "command")
+    assert judge_interpolation(heavy, log, 1, log["motor_torque_1"]).is_held
+    inputs, notes = read_driving_inputs(heavy, log, "command")
     assert np.array_equal(inputs[:-1, 0], log["motor_torque_1"][1:])
     assert "as what acted before its row" in notes[0]
 
@@ -92,49 +92,53 @@ def test_what_a_robot_file_does_not_know_changes_neither(heavy: Arm, build: Call
     without = Arm(build(DIRECT.replace("= 30", "= 0").replace("= 20", "= 0").replace("= 8", "= 6")).folder)
     for loops in (1, 5):
         log = looped(heavy, loops)
-        assert between_rows(without, log, 1, log["motor_torque_1"]).held is (loops == 1)
+        assert judge_interpolation(without, log, 1, log["motor_torque_1"]).is_held is (loops == 1)
 
 
 def test_a_command_that_is_logged_tells(build: Callable) -> None:
     arm = Arm(build(FLEXIBLE).folder)
     log = simulated(arm)
     current, command = log["motor_current_1"], log["motor_current_command_1"]
-    assert between_rows(arm, log, 1, current).held
+    assert judge_interpolation(arm, log, 1, current).is_held
     ahead = np.append(command[1:], command[-1])  # a loop that runs faster than it is logged has come half a row further
     later = Log(log.time, {**log.columns, "motor_current_1": (command + ahead) / 2}, 2, "later")
-    assert not between_rows(arm, later, 1, later["motor_current_1"]).held
+    assert not judge_interpolation(arm, later, 1, later["motor_current_1"]).is_held
 
 
 def test_of_a_measured_input_no_effect_of_commands_is_asked(build: Callable) -> None:
     arm = Arm(build(FLEXIBLE, "portable", ("command_delay", "current_loop_lag")).folder)
     log = simulated(arm)
     only = Log(log.time, {n: v for n, v in log.columns.items() if n != "motor_current_command_1"}, 2, "measured")
-    seen = record(arm, Portion.whole(only), 0.05)
-    assert seen.uncommanded == (1,)
-    names = {atom.name for atom in dictionary(arm, Suggested({}, {}, {}), seen.uncommanded).atoms}
+    seen = cut_windows(arm, LogPortion.all_rows(only), 0.05)
+    assert seen.joints_without_command == (1,)
+    names = {atom.name for atom in build_candidates(arm, InitialGuess({}, {}, {}), seen.joints_without_command).members}
     assert "command_delay@2" in names and not names & {"command_delay@1", "current_loop_lag@1"}
     late = arm.p.copy()
     late[list(arm.parameters.described).index("command_delay_1")] = 5e-3
-    shooting = Shooting(arm, seen)
+    shooting = MultipleShooting(arm, seen)
     inputs = np.empty((len(log), arm.nu))
-    shooting._drive(arm.at(late), Lane(late, shooting.begun(late)), slice(None), inputs)
+    shooting._fill_inputs(
+        arm.with_parameters(late), Rollout(late, shooting.measured_initial_states(late)), slice(None), inputs
+    )
     assert np.array_equal(inputs[:, 0], seen.command[:, 0])
 
 
 def test_what_is_uncertain_of_a_measured_input_is_the_least_torque_left_unexplained(heavy: Arm) -> None:
     log = looped(heavy, 5, 4.0)
-    shooting = Shooting(heavy, record(heavy, Portion.whole(log), 0.25))
+    shooting = MultipleShooting(heavy, cut_windows(heavy, LogPortion.all_rows(log), 0.25))
     noise = shooting.record.input_noise
-    assert noise[0] == pytest.approx(between_rows(heavy, log, 1, log["motor_torque_1"]).uncertainty)
+    assert noise[0] == pytest.approx(judge_interpolation(heavy, log, 1, log["motor_torque_1"]).uncertainty)
     assert NOISE / np.sqrt(2) < noise[0] < 3 * NOISE
-    steps = 25 / knots(shooting)
-    assert uncertain_torque(shooting) == pytest.approx(noise[0] / torque_units(shooting)[0] / np.sqrt(steps))
-    gram = Gram(np.eye(4)[None], 1, 1)
+    steps = 25 / count_torque_steps(shooting)
+    assert measure_input_uncertainty(shooting) == pytest.approx(
+        noise[0] / measure_torque_units(shooting)[0] / np.sqrt(steps)
+    )
+    gram = CrossProducts(np.eye(4)[None], 1, 1)
     for least in (0.0, 0.5, 1e9):
-        linear = Linear(gram, np.zeros((1, 4)), np.ones(1), np.array([9]), np.zeros(2), least=least)
+        linear = LinearModel(gram, np.zeros((1, 4)), np.ones(1), np.array([9]), np.zeros(2), least_torque=least)
         for near in (None, 1e-3):
-            found = min(one.s for one in posteriors(linear, np.ones(2), near))
-            assert found >= min(least, TORQUES[-1]) and (least > 0 or found < 0.5)
+            found = min(one.s for one in compute_posteriors(linear, np.ones(2), near))
+            assert found >= min(least, TORQUE_GRID[-1]) and (least > 0 or found < 0.5)
     commanded = {"motor_torque_command_1": log["motor_torque_1"], "joint_position_1": log["joint_position_1"]}
-    told = record(heavy, Portion.whole(Log(log.time, commanded, 1, "commanded")), 0.25)
+    told = cut_windows(heavy, LogPortion.all_rows(Log(log.time, commanded, 1, "commanded")), 0.25)
     assert told.input_noise.tolist() == [0.0]

@@ -12,8 +12,8 @@ from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
-from hdagen.prediction.driving_inputs import driven_by
-from hdagen.prediction.inverse_dynamics import force_error
+from hdagen.prediction.driving_inputs import read_driving_inputs
+from hdagen.prediction.inverse_dynamics import compute_force_error
 
 
 @pytest.fixture(scope="module")
@@ -25,21 +25,25 @@ def made(build: Callable) -> Callable[..., Arm]:
 def test_the_force_error_of_a_true_model_is_small_and_grows_with_what_is_wrong(made: Callable) -> None:
     arm = made(RIGID)
     log = smooth(arm)
-    inputs, _ = driven_by(arm, log, "command")
-    true = force_error(arm, log, inputs)
+    inputs, _ = read_driving_inputs(arm, log, "command")
+    true = compute_force_error(arm, log, inputs)
     assert true.relative.max() < 0.02
     assert true.measured.shape == true.modelled.shape == (len(true.time), 2)
     assert np.interp(true.time, log.time, inputs[:, 0]) == pytest.approx(true.measured[:, 0], abs=0.01)
     arm.parameters.update(coulomb_friction_1=0.06)
-    wrong = force_error(arm, log, inputs).relative
+    wrong = compute_force_error(arm, log, inputs).relative
     assert wrong[0] > 5 * true.relative[0] and wrong[1] == pytest.approx(true.relative[1], rel=0.2)
 
 
 def test_the_force_error_refuses_springs_and_slow_logs(made: Callable) -> None:
     with pytest.raises(PlantError, match="needs rigid drives"):
-        force_error(flexible := made(FLEXIBLE), log := simulated(flexible, 0.3), driven_by(flexible, log, "command")[0])
+        compute_force_error(
+            flexible := made(FLEXIBLE),
+            log := simulated(flexible, 0.3),
+            read_driving_inputs(flexible, log, "command")[0],
+        )
     rigid = made(RIGID)
     log = smooth(rigid)
     slow = Log(log.time[::5], {n: v[::5] for n, v in log.columns.items()}, 2, "slow")
     with pytest.raises(LogError, match="at 200 Hz are too few"):
-        force_error(rigid, slow, driven_by(rigid, slow, "command")[0])
+        compute_force_error(rigid, slow, read_driving_inputs(rigid, slow, "command")[0])

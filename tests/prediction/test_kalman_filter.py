@@ -12,10 +12,10 @@ from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, simulated
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.log.measured_log import Log
-from hdagen.prediction.driving_inputs import driven_by
-from hdagen.prediction.kalman_filter import BURN_IN, FILTERS, SHOWN, Bank
-from hdagen.prediction.kalman_filter import MEMORY as FADES
-from hdagen.prediction.measurement_model import Readings, within
+from hdagen.prediction.driving_inputs import read_driving_inputs
+from hdagen.prediction.kalman_filter import BANK_CHANNELS, BURN_IN_SHARE, FILTER_DEVIATIONS, FilterBank
+from hdagen.prediction.kalman_filter import DISTURBANCE_CORRELATION_TIME as FADES
+from hdagen.prediction.measurement_model import Readings, are_within_limits
 
 CASES: dict[str, tuple[str, tuple[str, ...], dict[str, float], bool]] = {
     "flexible": (FLEXIBLE, (), {}, False),
@@ -36,12 +36,12 @@ def made(build: Callable[..., Any]) -> Callable[..., tuple[Arm, Log, Readings, A
         arm = Arm(build(robot, "portable", effects).folder)
         arm.parameters.update({k: v for k, v in parameters.items() if k in arm.parameters})
         log = simulated(arm, velocities=velocities)
-        return arm, log, Readings.of(arm, log), driven_by(arm, log, "command")[0]
+        return arm, log, Readings.from_log(arm, log), read_driving_inputs(arm, log, "command")[0]
 
     return filtered
 
 
-def run(bank: Bank, log: Log, inputs: Array, first: list[int], last: list[int], noise: float = 1e-5) -> Array:
+def run(bank: FilterBank, log: Log, inputs: Array, first: list[int], last: list[int], noise: float = 1e-5) -> Array:
     """The bank's states (W, nx) at the rows ``last``."""
     s = bank.readings
     hidden = np.zeros((len(first), bank.arm.nx - bank.m))
@@ -52,19 +52,19 @@ def run(bank: Bank, log: Log, inputs: Array, first: list[int], last: list[int], 
 @pytest.mark.parametrize("case", CASES)
 def test_the_bank_is_the_textbook_s(case: str, made: Callable[..., Any]) -> None:
     arm, log, readings, inputs = made(case)
-    bank = Bank(arm, readings)
+    bank = FilterBank(arm, readings)
     first, last = [0, 237], [SPAN, 237 + SPAN // 2]
     found = run(bank, log, inputs, first, last)
     for k, (begin, end) in enumerate(zip(first, last, strict=True)):
         noise = np.full((1, len(readings.names)), 1e-5) * np.abs(readings.factors)
-        start = bank._begin(log.time, np.array([begin]), np.array([end]), noise)
+        start = bank._compute_initial_states(log.time, np.array([begin]), np.array([end]), noise)
         expected = textbook(bank, log, inputs, begin, end, noise[0], *(part[0] for part in start))
         np.testing.assert_allclose(found[k], expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
 
 
 def test_spans_do_not_know_of_each_other(made: Callable[..., Any]) -> None:
     arm, log, readings, inputs = made("flexible")
-    bank = Bank(arm, readings)
+    bank = FilterBank(arm, readings)
     first, last = [0, 50, 50, 200], [30, 110, 90, 290]
     alone = [run(bank, log, inputs, [begin], [end])[0] for begin, end in zip(first, last, strict=True)]
     assert run(bank, log, inputs, first, last).tobytes() == np.stack(alone).tobytes()
@@ -72,8 +72,8 @@ def test_spans_do_not_know_of_each_other(made: Callable[..., Any]) -> None:
 
 def test_a_bank_of_which_every_filter_is_lost_says_so(made: Callable[..., Any]) -> None:
     arm, log, readings, inputs = made("flexible")
-    bank = Bank(arm, readings)
-    bank.vague = np.full(bank.m, 1e-12)
+    bank = FilterBank(arm, readings)
+    bank.state_bounds = np.full(bank.m, 1e-12)
     assert np.isnan(run(bank, log, inputs, [100], [100 + SPAN])).all()
 
 
@@ -108,7 +108,7 @@ def test_wrong_arrays_are_refused(
 
 def arrays(arm: Arm, log: Log, readings: Readings, inputs: Array) -> dict[str, Any]:
     """What the compiled bank takes, of a span of five rows."""
-    bank, M, L = Bank(arm, readings), len(readings.names), len(FILTERS)
+    bank, M, L = FilterBank(arm, readings), len(readings.names), len(FILTER_DEVIATIONS)
     E = bank.D - bank.m
     return {
         "begun": np.zeros((L, arm.nx)),
@@ -120,7 +120,7 @@ def arrays(arm: Arm, log: Log, readings: Readings, inputs: Array) -> dict[str, A
         "c": arm.c,
         "measured": readings.measured,
         "variance": np.ones((1, M)),
-        "read": bank.read,
+        "read": bank.output_matrix,
         "places": np.zeros(M, np.int32),
         "spread": np.ones((L, E)),
         "settings": np.ones(3 + arm.nx + bank.m + 3 * arm.n),
@@ -129,39 +129,42 @@ def arrays(arm: Arm, log: Log, readings: Readings, inputs: Array) -> dict[str, A
 
 
 def textbook(
-    bank: Bank, log: Log, inputs: Array, begin: int, end: int, noise: Array, x: Array, extra: Array, P: Array
+    bank: FilterBank, log: Log, inputs: Array, begin: int, end: int, noise: Array, x: Array, extra: Array, P: Array
 ) -> Array:
     """The state at row ``end``: x (L, nx), extra (L, E), P (L, D, D) at ``begin``."""
-    lanes = [[x[k].copy(), extra[k].copy(), P[k].copy()] for k in range(len(FILTERS))]
+    lanes = [[x[k].copy(), extra[k].copy(), P[k].copy()] for k in range(len(FILTER_DEVIATIONS))]
     told, score = np.zeros(len(lanes)), np.zeros(len(lanes))
     for row in range(begin, end):
         dt = float(log.time[row + 1] - log.time[row])
         F = transition(bank, lanes[int(told.argmax())][0], inputs[row], dt)
         for k, lane in enumerate(lanes):
-            predict(bank, lane, F, bank.extra[k], inputs[row], dt)
-            if not within(bank.arm, lane[0]) or (np.sqrt(np.diag(lane[2])[: bank.m]) >= bank.vague).any():
+            predict(bank, lane, F, bank.disturbance_deviations[k], inputs[row], dt)
+            if (
+                not are_within_limits(bank.arm, lane[0])
+                or (np.sqrt(np.diag(lane[2])[: bank.m]) >= bank.state_bounds).any()
+            ):
                 told[k] = score[k] = -np.inf
             if np.isinf(told[k]):
                 lane[:] = [x[k].copy(), 0.0 * extra[k], 0.0 * P[k]]
                 continue
             likely = update(bank, lane, inputs[row + 1], bank.readings.measured[row + 1], noise)
             told[k] += likely
-            if row + 1 - begin > BURN_IN * (end - begin):
+            if row + 1 - begin > BURN_IN_SHARE * (end - begin):
                 score[k] += likely
     return np.asarray(lanes[int(score.argmax())][0])
 
 
-def transition(bank: Bank, x: Array, u: Array, dt: float) -> Array:
+def transition(bank: FilterBank, x: Array, u: Array, dt: float) -> Array:
     """F (D, D): of x and of the extra, which has not faded yet."""
     arm, m, n, D = bank.arm, bank.m, bank.n, bank.D
-    at, steps = x.copy(), arm.steps_in(dt)
-    for j, place in enumerate(bank.sliding):
-        if abs(at[place]) < bank.free[j]:
-            at[place] = np.copysign(bank.free[j], at[place])
+    at, steps = x.copy(), arm.count_steps(dt)
+    for j, place in enumerate(bank.sliding_velocities):
+        if abs(at[place]) < bank.free_speeds[j]:
+            at[place] = np.copysign(bank.free_speeds[j], at[place])
     for j in arm.manifest["flexible"]:
         motor, joint = arm.index(f"motor_position_{j}"), arm.index(f"joint_position_{j}")
         torsion = at[motor] / arm.parameters[f"ratio_{j}"] - at[joint]
-        at[joint] += torsion - np.clip(torsion, -bank.twist[j - 1], bank.twist[j - 1])
+        at[joint] += torsion - np.clip(torsion, -bank.rated_torsions[j - 1], bank.rated_torsions[j - 1])
     slopes = arm.evaluate("rhs_jacobian", x=at, u=u)
     G = np.zeros((D, D))
     G[:m, :m] = slopes["by_x"].reshape(arm.nx, arm.nx).T[:m, :m]
@@ -172,11 +175,11 @@ def transition(bank: Bank, x: Array, u: Array, dt: float) -> Array:
     return np.linalg.matrix_power(np.eye(D) + G + G @ G / 2 + G @ G @ G / 6 + G @ G @ G @ G / 24, steps)
 
 
-def predict(bank: Bank, lane: list[Array], F: Array, spread: Array, u: Array, dt: float) -> None:
+def predict(bank: FilterBank, lane: list[Array], F: Array, spread: Array, u: Array, dt: float) -> None:
     """From one row to the next."""
     arm, m, n = bank.arm, bank.m, bank.n
     x, extra, P = lane
-    steps, fade = arm.steps_in(dt), np.exp(-dt / FADES)
+    steps, fade = arm.count_steps(dt), np.exp(-dt / FADES)
     held = u.copy()
     held[:n] += extra[:n]
     for _ in range(steps):
@@ -190,11 +193,11 @@ def predict(bank: Bank, lane: list[Array], F: Array, spread: Array, u: Array, dt
     lane[:] = x, extra * fade, F @ P @ F.T + Q
 
 
-def update(bank: Bank, lane: list[Array], u: Array, measured: Array, noise: Array) -> float:
+def update(bank: FilterBank, lane: list[Array], u: Array, measured: Array, noise: Array) -> float:
     """By what a row shows; the log-likelihood of that."""
     x, extra, P = lane
-    outputs, H = bank.arm.outputs(x, u), bank.read
-    assert {name for name, _ in bank.readings.outputs} <= set(SHOWN)
+    outputs, H = bank.arm.outputs(x, u), bank.output_matrix
+    assert {name for name, _ in bank.readings.outputs} <= set(BANK_CHANNELS)
     expected = np.array([outputs[name][j - 1] for name, j in bank.readings.outputs])
     error = measured - expected - H[:, bank.m :] @ extra
     S = H @ P @ H.T + np.diag(noise**2)

@@ -11,13 +11,13 @@ from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, multiples, simulated, 
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.diagnosis.data.gap import gap
-from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.split import LogPortion
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
-from hdagen.prediction.driving_inputs import driven_by
+from hdagen.prediction.driving_inputs import read_driving_inputs
 from hdagen.prediction.measurement_model import Readings
-from hdagen.prediction.window_replay import replay, window_starts
+from hdagen.prediction.window_replay import find_window_starts, replay
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_no_measurement_after_a_windows_start_reaches_its_prediction(case: str, 
 def test_an_earlier_measurement_does_reach_a_prediction(made: Callable) -> None:
     arm = made(FLEXIBLE)
     log = simulated(arm)
-    first = int(window_starts(log.time, 0.25)[2])
+    first = int(find_window_starts(log.time, 0.25)[2])
     moved = replay(arm, spoilt(log, first - 3)).columns["joint_position_1"][first:]
     assert np.any(moved != replay(arm, log).columns["joint_position_1"][first:])
 
@@ -92,7 +92,7 @@ def test_a_true_rigid_model_meets_the_noise_of_the_sensors(made: Callable) -> No
 def test_springs_damped_far_beyond_the_robot_file_lose_no_window() -> None:
     arm = load("paper")
     arm.parameters["torsional_damping_2"] = 19.0 * arm.parameters["torsional_damping_2"]
-    assert arm.carried.longest(arm.p) < arm.step_size
+    assert arm.stability.longest_step(arm.p) < arm.step_size
     found = replay(arm, simulated(arm, 3.0))
     assert not found.notes
     assert found.gap < 1.7
@@ -108,11 +108,15 @@ def test_a_channel_that_drives_the_model_is_no_part_of_the_gap(input: str, made:
     arm.parameters["mass_2"] *= 1.5
     found = replay(arm, log, input=input)
     driving = ("motor_current_1",) if input == "command" else ("motor_current_1", "motor_current_2")
-    assert found.inputs == driving and found.channels == [name for name in found.errors if name not in driving]
+    assert found.driving_channels == driving and found.counted_channels == [
+        name for name in found.errors if name not in driving
+    ]
     errs = [found.errors[name] / found.noise[name] for name in found.errors if name not in driving]
     assert found.gap == pytest.approx(math.exp(float(np.mean(np.log(errs)))))
-    told = gap(found, found, Portion.whole(log))
-    assert told["before"] == pytest.approx(found.gap, rel=1e-9) and set(told["by_channel"]) == set(found.channels)
+    told = evaluate_gap(found, found, LogPortion.all_rows(log))
+    assert told["before"] == pytest.approx(found.gap, rel=1e-9) and set(told["by_channel"]) == set(
+        found.counted_channels
+    )
 
 
 @pytest.mark.parametrize("side", ["motor", "joint"])
@@ -153,7 +157,7 @@ def test_a_wrong_model_hardly_bends_the_state_at_the_starts(made: Callable) -> N
     blind = Log(log.time, {n: v for n, v in log.columns.items() if "velocity" not in n}, 2, "no velocities")
     arm.parameters.update(coulomb_friction_1=0.05, mass_2=3.5, viscous_friction_2=4e-4)
     states = replay(arm, blind).states
-    starts = window_starts(log.time, 0.25)[1:]
+    starts = find_window_starts(log.time, 0.25)[1:]
     for j in (1, 2):
         error = states[starts, arm.index(f"joint_velocity_{j}")] - log[f"joint_velocity_{j}"][starts]
         assert np.abs(error).max() < 0.02  # rad/s, of motions up to 2 rad/s
@@ -192,22 +196,22 @@ def test_noise_ruins_nothing(made: Callable) -> None:
 
 def test_windows_start_at_the_first_row_at_or_after_each_multiple() -> None:
     time = 3.0 + 0.1 * np.arange(11)
-    assert window_starts(time, 0.25).tolist() == [0, 3, 5, 8, 10]
-    assert window_starts(time, 0.3).tolist() == [0, 3, 6, 9]  # though 3 · 0.1 is above 0.3 by a rounding error
-    assert window_starts(time, math.inf).tolist() == [0]
-    assert window_starts(np.array([0.0, 0.1, 5.0, 5.1]), 0.25).tolist() == [0, 2]  # a gap skips windows
+    assert find_window_starts(time, 0.25).tolist() == [0, 3, 5, 8, 10]
+    assert find_window_starts(time, 0.3).tolist() == [0, 3, 6, 9]  # though 3 · 0.1 is above 0.3 by a rounding error
+    assert find_window_starts(time, math.inf).tolist() == [0]
+    assert find_window_starts(np.array([0.0, 0.1, 5.0, 5.1]), 0.25).tolist() == [0, 2]  # a gap skips windows
     for wrong in (0.0, -1.0, math.nan):
         with pytest.raises(PlantError, match="window"):
-            window_starts(time, wrong)
+            find_window_starts(time, wrong)
 
 
 def test_a_command_is_held_and_a_measurement_belongs_to_the_row_before(made: Callable) -> None:
     arm = made(FLEXIBLE)
     log = simulated(arm, 0.3)
-    commanded, notes = driven_by(arm, log, "command")
+    commanded, notes = read_driving_inputs(arm, log, "command")
     assert np.array_equal(commanded[:, 0], log["motor_current_command_1"]) and not notes
     assert np.array_equal(commanded[:, 3], log["tip_force_y"])
-    measured, _ = driven_by(arm, log, "measured")
+    measured, _ = read_driving_inputs(arm, log, "measured")
     assert np.array_equal(measured[:-1, 0], log["motor_current_1"][1:])
     found = replay(arm, log)
     assert np.array_equal(found.columns["motor_current_1"][1:], log["motor_current_command_1"][:-1])
@@ -225,32 +229,35 @@ def test_torque_drives_a_robot_that_takes_current_and_not_the_other_way_round(ma
     )
     assert by_torque.columns["motor_torque_1"][1:] == pytest.approx(torque["motor_torque_command_1"][:-1])
     with pytest.raises(LogError, match="no torque_constant for joint 1"):
-        driven_by(made(RIGID), log, "command")
+        read_driving_inputs(made(RIGID), log, "command")
 
 
 def test_what_is_not_logged_is_replaced_and_said(made: Callable) -> None:
     arm = made(FLEXIBLE)
     log = simulated(arm, 0.3)
     only = Log(log.time, {n: v for n, v in log.columns.items() if "command" not in n}, 2, "measured only")
-    _, notes = driven_by(arm, only, "command")
+    _, notes = read_driving_inputs(arm, only, "command")
     assert "No command is logged for joint 1: motor_current_1 drives the model" in notes[0]
     commands = Log(log.time, {n: v for n, v in log.columns.items() if not n.startswith("motor_current_1")}, 2, "x")
-    assert "has no measured current" in driven_by(arm, commands, "measured")[1][0]
+    assert "has no measured current" in read_driving_inputs(arm, commands, "measured")[1][0]
     strong = Log(log.time, {**log.columns, "motor_current_command_1": np.full(300, 11.0)}, 2, "strong")
-    assert "exceeds the robot file's max_current of 10 A in 300 row(s)" in driven_by(arm, strong, "command")[1][0]
+    assert (
+        "exceeds the robot file's max_current of 10 A in 300 row(s)"
+        in read_driving_inputs(arm, strong, "command")[1][0]
+    )
 
 
 def test_a_log_that_begins_in_motion_is_said_to(made: Callable) -> None:
     arm = made(FLEXIBLE)
     log = simulated(arm)
     rested = replay(arm, log)
-    assert not any("begins in motion" in note for note in rested.notes) and rested.guessed == ()
+    assert not any("begins in motion" in note for note in rested.notes) and rested.guessed_starts == ()
     fast = int(np.argmax(np.abs(np.gradient(log["joint_position_1"][300:900])))) + 300
     moving = replay(arm, log.rows(fast, fast + 250))
-    assert any("begins in motion" in note for note in moving.notes) and moving.guessed == (0,)
+    assert any("begins in motion" in note for note in moving.notes) and moving.guessed_starts == (0,)
     kept = np.r_[0 : fast - 300, fast:1000]  # over a pause nothing carries on
     paused = Log(log.time[kept], {n: v[kept] for n, v in log.columns.items()}, 2, "paused")
-    assert replay(arm, paused).guessed == (fast - 300,)
+    assert replay(arm, paused).guessed_starts == (fast - 300,)
 
 
 def test_a_log_of_another_robot_is_refused(made: Callable) -> None:
@@ -269,8 +276,8 @@ def test_a_log_of_another_robot_is_refused(made: Callable) -> None:
 def test_a_position_that_no_channel_says_follows_from_the_other_side(made: Callable) -> None:
     arm = made(FLEXIBLE)
     log = simulated(arm)
-    state = Readings.of(arm, log).state(arm, 0)
+    state = Readings.from_log(arm, log).state_at(arm, 0)
     motor = Log(log.time, {n: v for n, v in log.columns.items() if not n.startswith("joint_position")}, 2, "motor")
-    guessed = Readings.of(arm, motor).state(arm, 0)
+    guessed = Readings.from_log(arm, motor).state_at(arm, 0)
     assert guessed == pytest.approx(state, abs=2e-3)
     assert guessed[arm.index("joint_position_1")] == pytest.approx(-np.pi / 2, abs=1e-5)  # at rest: gravity's torsion

@@ -17,9 +17,9 @@ import pytest
 from hdagen.arm.compiled_arm import Arm
 from hdagen.cli import replay as replay_command
 from hdagen.log.measured_log import Log, read
-from hdagen.prediction.closed_loop_replay import closed_loop, read_controller
-from hdagen.prediction.driving_inputs import driven_by
-from hdagen.prediction.inverse_dynamics import force_error
+from hdagen.prediction.closed_loop_replay import read_controller, replay_closed_loop
+from hdagen.prediction.driving_inputs import read_driving_inputs
+from hdagen.prediction.inverse_dynamics import compute_force_error
 from hdagen.prediction.window_replay import replay
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
@@ -93,7 +93,7 @@ def test_emps_without_friction_is_the_preset_but_for_that(arm: Callable) -> None
 @pytest.mark.parametrize(("name", "published"), [(IDENT, 4.08), (PULSES, 5.98)])
 def test_emps_force_error_is_the_published_one(name: str, published: float, arm: Callable, emps: Callable) -> None:
     log, robot = emps(name), arm("emps")
-    found = force_error(robot, log, driven_by(robot, log, "command")[0])
+    found = compute_force_error(robot, log, read_driving_inputs(robot, log, "command")[0])
     assert 100 * found.relative[0] == pytest.approx(published, abs=1.0)
 
 
@@ -114,7 +114,7 @@ def test_emps_in_closed_loop(
     name: str, columns: str, position: float, published: float, arm: Callable, emps: Callable
 ) -> None:
     log = emps(name, columns)
-    found = closed_loop(arm("emps"), log, read_controller(EMPS / "controller.toml"))
+    found = replay_closed_loop(arm("emps"), log, read_controller(EMPS / "controller.toml"))
     assert found.errors["joint_position_1"] == pytest.approx(position, rel=0.05)
     whole = emps(name)["motor_torque_command_1"]  # law and pulses, to which the published share refers
     share = 100 * found.errors["motor_torque_command_1"] / np.sqrt(np.mean(whole**2))

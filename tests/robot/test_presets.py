@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gen.presets import presets
+from gen.presets import find_presets
 from gen.robot.description import Robot
 from gen.robot.load_robot import load
 from gen.robot.mass_matrix import mass_matrix
@@ -23,10 +23,10 @@ DFKI = ("1.0", "1.1", "2.0", "3.0")
 
 def test_there_are_all_nine() -> None:
     paper = {"paper", "paper_table1", "paper_prototype", "paper_three_joints"}
-    assert set(presets()) == {*paper, "emps", *(f"dfki_{m.replace('.', '_')}" for m in DFKI)}
+    assert set(find_presets()) == {*paper, "emps", *(f"dfki_{m.replace('.', '_')}" for m in DFKI)}
 
 
-@pytest.mark.parametrize("name", presets())
+@pytest.mark.parametrize("name", find_presets())
 def test_a_preset_loads_with_the_effects_there_are(name: str) -> None:
     robot = load(name)
     assert robot.source.stem == name

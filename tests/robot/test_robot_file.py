@@ -18,16 +18,16 @@ import tomlkit
 from hypothesis import HealthCheck, given, settings
 
 from gen.effects.effect import Effect, Parameter, Port
-from gen.presets import presets
-from gen.robot.description import Robot, RobotError, Value, canonical
+from gen.presets import find_presets
+from gen.robot.description import Robot, RobotError, Value, describe_robot
 from gen.robot.gear_catalogue import CATALOGUE, drive_laws
 from gen.robot.load_robot import from_table, load
 from gen.robot.mass_matrix import mass_matrix
-from gen.robot.model_parameters import parameters
-from gen.robot.schema import TABLE, Key, document
+from gen.robot.model_parameters import list_parameters
+from gen.robot.schema import TABLE, Key, write_document
 
 ROOT = Path(__file__).parents[2]
-PAPER = presets()["paper"].read_text(encoding="utf-8")
+PAPER = find_presets()["paper"].read_text(encoding="utf-8")
 
 
 def _effect(name: str, joints: str = "each", rigid: bool = True) -> Effect:
@@ -190,7 +190,7 @@ def test_effects_are_stated_with_every_parameter() -> None:
 
 
 def test_parameters_stand_in_order_within_bounds() -> None:
-    found = parameters(built(good()))
+    found = list_parameters(built(good()))
     assert [p.name for p in found] == [
         *(
             "gravity_x",
@@ -218,21 +218,21 @@ def test_parameters_stand_in_order_within_bounds() -> None:
 
 
 def test_a_negative_lumped_inertia_has_bounds_around_it() -> None:
-    inertia = next(p for p in parameters(load("dfki_2_0")) if p.name == "inertia_2")
+    inertia = next(p for p in list_parameters(load("dfki_2_0")) if p.name == "inertia_2")
     assert inertia.low < inertia.nominal < inertia.high < 0
 
 
 def test_canonical_is_json_and_knows_no_place() -> None:
     table = good() | {"effect": [{"name": "payload", "joint": 2, "bias": 1}]}
     table["joint"][0]["limits"] = {"position": [-1, 1]}
-    description = canonical(built(table))
+    description = describe_robot(built(table))
     assert json.loads(json.dumps(description)) == description
     assert "source" not in description and description["joints"][0]["limits"]["position"] == [-1.0, 1.0]
     assert description["effects"][0]["parameters"]["bias"] == {"nominal": 1.0, "tolerance": 0.05}
 
 
 def test_the_reference_is_current() -> None:
-    assert (ROOT / "docs/robot.md").read_text(encoding="utf-8") == document(), (
+    assert (ROOT / "docs/robot.md").read_text(encoding="utf-8") == write_document(), (
         "python -m gen.robot.schema > docs/robot.md"
     )
 
@@ -606,8 +606,8 @@ def test_anything_in_any_place_gives_a_robot_or_sentences(data: st.DataObject) -
     except RobotError as refused:
         assert refused.problems and all(sentence.isprintable() for sentence in refused.problems)
         return
-    assert all(p.low <= p.nominal <= p.high and math.isfinite(p.nominal) for p in parameters(robot))
-    json.dumps(canonical(robot), allow_nan=False)
+    assert all(p.low <= p.nominal <= p.high and math.isfinite(p.nominal) for p in list_parameters(robot))
+    json.dumps(describe_robot(robot), allow_nan=False)
 
 
 @settings(max_examples=200, deadline=None)

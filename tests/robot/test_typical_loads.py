@@ -9,7 +9,7 @@ import pytest
 
 from gen.robot.description import Robot
 from gen.robot.load_robot import load
-from gen.robot.typical_loads import FRICTION, VELOCITY, largest_input, lifting, usual
+from gen.robot.typical_loads import MEANT_VELOCITY, USUAL_FRICTION_SHARE, largest_input, lifting_torque, usual_size
 
 LINKS = """name = "two links"
 gravity = [{across}, {down}]
@@ -78,7 +78,7 @@ def test_without_a_limit_it_lifts_the_stretched_arm_swiftly(tmp_path: Path, acro
         (found, 2, (own[0] + 2.0 * own[1]) / 30.0),
         (slides, 1, (9.81 * 3.5 + 2.0 * (50.0**2 * 1e-4 + 3.5)) / 50.0),
     ):
-        assert lifting(one, j) == pytest.approx(expected)
+        assert lifting_torque(one, j) == pytest.approx(expected)
         assert largest_input(one, j) == pytest.approx(rounded(expected))
 
 
@@ -89,11 +89,15 @@ def test_it_overcomes_friction_ten_times(tmp_path: Path) -> None:
 
 def test_friction_is_as_large_as_stated_else_a_share_of_the_largest_torque(tmp_path: Path) -> None:
     stated = robot(tmp_path, coulomb=0.02, viscous=3e-4)
-    assert usual(stated, 1, "coulomb_friction") == 0.02 and usual(stated, 1, "viscous_friction") == 3e-4
+    assert usual_size(stated, 1, "coulomb_friction") == 0.02 and usual_size(stated, 1, "viscous_friction") == 3e-4
     none = robot(tmp_path, drive="torque_constant = 0.05\nmax_current = 3.0")
-    assert usual(none, 1, "coulomb_friction") == pytest.approx(FRICTION * 0.05 * 3.0)
-    assert usual(none, 1, "viscous_friction") * VELOCITY * 50.0 == pytest.approx(FRICTION * 0.05 * 3.0)
-    assert usual(robot(tmp_path), 1, "coulomb_friction") == pytest.approx(FRICTION * largest_input(robot(tmp_path), 1))
+    assert usual_size(none, 1, "coulomb_friction") == pytest.approx(USUAL_FRICTION_SHARE * 0.05 * 3.0)
+    assert usual_size(none, 1, "viscous_friction") * MEANT_VELOCITY * 50.0 == pytest.approx(
+        USUAL_FRICTION_SHARE * 0.05 * 3.0
+    )
+    assert usual_size(robot(tmp_path), 1, "coulomb_friction") == pytest.approx(
+        USUAL_FRICTION_SHARE * largest_input(robot(tmp_path), 1)
+    )
 
 
 @pytest.mark.parametrize(
@@ -102,4 +106,4 @@ def test_friction_is_as_large_as_stated_else_a_share_of_the_largest_torque(tmp_p
 def test_the_share_is_of_the_size_of_those_of_real_drives(preset: str, joint: int, torque: float) -> None:
     """The double pendulum's limit is in its file; of the prismatic one 10 V make 351.5 N."""
     share = load(preset).joints[joint - 1].drive.coulomb_friction.nominal / torque
-    assert FRICTION / 4 < share < 4 * FRICTION
+    assert USUAL_FRICTION_SHARE / 4 < share < 4 * USUAL_FRICTION_SHARE

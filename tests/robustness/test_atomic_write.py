@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from hdagen.support.atomic_write import open_whole, write_whole
+from hdagen.support.atomic_write import open_atomically, write_atomically
 
 ROOT = Path(__file__).parents[2]
 
@@ -24,10 +24,10 @@ def names(folder: Path) -> list[str]:
 def test_a_file_takes_the_place_of_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = os.umask(0o027)
     try:
-        write_whole(tmp_path / "a.json", b"one")
-        write_whole(tmp_path / "a.json", b"two")
+        write_atomically(tmp_path / "a.json", b"one")
+        write_atomically(tmp_path / "a.json", b"two")
         monkeypatch.chdir(tmp_path)
-        write_whole(Path("b"), b"three")
+        write_atomically(Path("b"), b"three")
     finally:
         os.umask(before)
     assert names(tmp_path) == ["a.json", "b"]
@@ -37,14 +37,14 @@ def test_a_file_takes_the_place_of_another(tmp_path: Path, monkeypatch: pytest.M
 
 @pytest.mark.parametrize("name", ["ä" * 120 + ".toml", "a" * 250 + ".json", "a." + "b" * 250, ".hidden"])
 def test_any_name_that_the_disk_takes_is_written(tmp_path: Path, name: str) -> None:
-    write_whole(tmp_path / name, b"x")
+    write_atomically(tmp_path / name, b"x")
     assert names(tmp_path) == [name]
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, OSError(errno.ENOSPC, "full")])
 def test_an_error_leaves_what_stood_there_and_nothing_else(tmp_path: Path, error: type[BaseException]) -> None:
-    write_whole(tmp_path / "a.toml", b"one")
-    with pytest.raises(BaseException) as caught, open_whole(tmp_path / "a.toml") as file:  # noqa: PT011, PT012
+    write_atomically(tmp_path / "a.toml", b"one")
+    with pytest.raises(BaseException) as caught, open_atomically(tmp_path / "a.toml") as file:  # noqa: PT011, PT012
         file.write(b"two")
         file.flush()
         assert file.name.endswith(".toml") and Path(file.name).read_bytes() == b"two"
@@ -58,8 +58,8 @@ def test_an_error_leaves_what_stood_there_and_nothing_else(tmp_path: Path, error
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from hdagen.support.atomic_write import open_whole
-with open_whole(Path(sys.argv[1])) as file:
+from hdagen.support.atomic_write import open_atomically
+with open_atomically(Path(sys.argv[1])) as file:
     file.write(b"half")
     file.flush()
     os.kill(os.getpid(), signal.SIGKILL)
@@ -72,10 +72,10 @@ def test_what_a_kill_left_is_removed_by_the_next_that_writes_there(tmp_path: Pat
     (left,) = names(tmp_path)
     assert re.fullmatch(r"\.killed\.part-[0-9a-f]{16}\.toml", left)
     (tmp_path / ".mine.part-1").write_text("not of this form")
-    with open_whole(tmp_path / "one.toml") as one:
+    with open_atomically(tmp_path / "one.toml") as one:
         assert not (tmp_path / left).exists()
-        write_whole(tmp_path / "one.toml", b"by another, in the meantime")  # which leaves what is being written
-        write_whole(tmp_path / "two.json", b"two")
+        write_atomically(tmp_path / "one.toml", b"by another, in the meantime")  # which leaves what is being written
+        write_atomically(tmp_path / "two.json", b"two")
         one.write(b"one")
     assert names(tmp_path) == [".mine.part-1", "one.toml", "two.json"]
     assert (tmp_path / "one.toml").read_bytes() == b"one"
@@ -92,7 +92,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path: Path, kind: str) -> None:
         path.symlink_to(os.devnull)
     before = path.lstat()
     with pytest.raises(OSError, match="Is a directory" if kind == "folder" else "it is no regular file"):
-        write_whole(path, b"x")
+        write_atomically(path, b"x")
     assert path.lstat() == before and names(tmp_path) == ["place"]
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from arms import SMALL
 
-from hdagen.support.child_processes import start_together
+from hdagen.support.child_processes import start_child_process
 
 ROOT = Path(__file__).parents[2]
 SLOW = """#!/bin/sh
@@ -76,10 +76,10 @@ def test_compilers_end_with_the_one_that_began_them(
 
 def test_a_group_ends_with_its_block(tmp_path: Path) -> None:
     program = ["/bin/sh", "-c", f"sleep 600 & echo $! > {tmp_path}/one; mv {tmp_path}/one {tmp_path}/pid; wait"]
-    with pytest.raises(KeyError), start_together(program) as child:  # noqa: PT012
+    with pytest.raises(KeyError), start_child_process(program) as child:  # noqa: PT012
         assert await_true((tmp_path / "pid").exists)
         raise KeyError
     assert child.returncode == -signal.SIGKILL
     assert await_true(lambda: not lives(int((tmp_path / "pid").read_text())))
-    with start_together(["true"]) as child:
+    with start_child_process(["true"]) as child:
         assert child.wait() == 0

@@ -142,7 +142,7 @@ AS_ANOTHER = """
 import os, sys, sysconfig
 from pathlib import Path
 from hdagen.arm.compiled_arm import Arm, PlantError
-from hdagen.support.atomic_write import write_whole
+from hdagen.support.atomic_write import write_atomically
 build, own, user = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
 sysconfig.get_config_vars()  # the interpreter's own files may be out of another user's reach
 os.setgroups([]), os.setgid(user), os.setuid(user), os.umask(0o002)
@@ -152,7 +152,7 @@ except PlantError as error:
     print(error)
 for folder in (own, build):
     try:
-        write_whole(folder / "file", b"mine")
+        write_atomically(folder / "file", b"mine")
     except OSError as error:
         print(error)
 print((own / "file").read_bytes().decode(), [path.name for path in own.iterdir()])

@@ -18,12 +18,12 @@ import pytest
 
 import hdagen
 from gen import __main__ as gen_command
-from gen.builder.compiler import CompileError, find
+from gen.builder.compiler import CompileError, find_compiler
 from gen.robot.description import RobotError
 from gen.robot.load_robot import load as load_robot
 from hdagen import __main__ as command
 from hdagen.adoption import verdict
-from hdagen.arm.build_loader import MOST_LINES, PlantError
+from hdagen.arm.build_loader import MOST_ERROR_LINES, PlantError
 from hdagen.blind import calibrate
 from hdagen.diagnosis.decision import calibration
 from hdagen.fleet import fleet_file
@@ -33,7 +33,7 @@ from hdagen.log.measured_log import read, write
 from hdagen.mpc import configuration
 from hdagen.prediction import closed_loop_replay
 from hdagen.support import input_file
-from hdagen.support.messages import list_some, printable, shown, shown_path
+from hdagen.support.messages import join_names, make_printable, show_path, show_value
 
 ROOT = Path(__file__).parents[2]
 LOG = {name: np.sin(np.arange(60) / 7) for name in ("motor_current_1", "joint_position_1")}
@@ -44,12 +44,12 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "mat": (".mat", read),
     "columns": (".toml", lambda path: read(good(path.parent), path)),
     "robot": (".toml", load_robot),
-    "fleet": (".toml", fleet_file.read),
+    "fleet": (".toml", fleet_file.read_fleet),
     "controller": (".toml", closed_loop_replay.read_controller),
-    "predictive": (".toml", configuration.read),
-    "diagnosis": (".json", verdict.read),
+    "predictive": (".toml", configuration.read_configuration),
+    "diagnosis": (".json", verdict.read_verdict),
     "calibration": (".json", calibration.read),
-    "cases": (".json", lambda path: calibrate.freeze([path], Path("never"))),
+    "cases": (".json", lambda path: calibrate.freeze_calibration([path], Path("never"))),
 }
 
 
@@ -157,18 +157,21 @@ def test_a_diagnosis_of_another_shape_is_refused(changes: dict, words: str, tmp_
     path = tmp_path / "diagnosis.json"
     path.write_text(json.dumps({"schema": 1, "verdict": ["viscous_friction@1"], "causes": [CAUSE]} | changes))
     with pytest.raises(PlantError, match=words):
-        verdict.read(path)
+        verdict.read_verdict(path)
 
 
 # -- what is printed --------------------------------------------------------------------------------------------------
 
 
 def test_names_are_printed_escaped_and_short() -> None:
-    assert printable("a\x1b[31m\n\u202eb") == "a\\x1b[31m\\n\\u202eb" and printable("Prüfstand µ") == "Prüfstand µ"
-    assert printable(os.fsdecode(b"\xff")) == "\\udcff"
-    assert shown("\n") == "'\\\\n'" or shown("\n") == "'\\n'"
-    assert len(shown("x" * 1000)) == 60 and shown(16**6000) == "a number of thousands of digits"
-    assert len(shown_path("x" * 5000)) < 250 and list_some(["a\x07", "b" * 300]) == f"a\\x07, {'b' * 80}"
+    assert (
+        make_printable("a\x1b[31m\n\u202eb") == "a\\x1b[31m\\n\\u202eb"
+        and make_printable("Prüfstand µ") == "Prüfstand µ"
+    )
+    assert make_printable(os.fsdecode(b"\xff")) == "\\udcff"
+    assert show_value("\n") == "'\\\\n'" or show_value("\n") == "'\\n'"
+    assert len(show_value("x" * 1000)) == 60 and show_value(16**6000) == "a number of thousands of digits"
+    assert len(show_path("x" * 5000)) < 250 and join_names(["a\x07", "b" * 300]) == f"a\\x07, {'b' * 80}"
 
 
 def test_a_header_and_a_name_with_escapes_do_not_reach_the_terminal(tmp_path: Path) -> None:
@@ -185,7 +188,7 @@ def test_a_header_and_a_name_with_escapes_do_not_reach_the_terminal(tmp_path: Pa
 def test_of_very_many_problems_the_first_are_said() -> None:
     assert LogError(["a"] * 1000).problems[-1] == "900 more problems are not listed: mend these first."
     lines = str(PlantError("\n".join(["a\x1b"] * 1000))).split("\n")
-    assert lines[0] == "a\\x1b" and len(lines) == MOST_LINES + 1 and lines[-1].startswith("800 more")
+    assert lines[0] == "a\\x1b" and len(lines) == MOST_ERROR_LINES + 1 and lines[-1].startswith("800 more")
 
 
 # -- budgets ----------------------------------------------------------------------------------------------------------
@@ -264,11 +267,11 @@ def test_cells_are_counted_before_they_are_read(tmp_path: Path, monkeypatch: pyt
     )
     with pytest.raises(LogError, match="found 40000000 rows of 3 columns in use, possible are 100000000 cells; cut"):
         read(tmp_path / "a.parquet")
-    monkeypatch.setattr("hdagen.log.data_table._MOST_UNPACKED", 1000)
+    monkeypatch.setattr("hdagen.log.data_table._MOST_UNPACKED_BYTES", 1000)
     write({"time": np.arange(60) / 1000, **LOG}, tmp_path / "b.parquet")
     with pytest.raises(LogError, match=r"unpacks to \d+ bytes, possible are 1000"):
         read(tmp_path / "b.parquet")
-    monkeypatch.setattr("hdagen.log.data_table._MOST_FOOTER", 100)
+    monkeypatch.setattr("hdagen.log.data_table._MOST_FOOTER_BYTES", 100)
     with pytest.raises(LogError, match=r"its columns are described in \d+ bytes"):
         read(tmp_path / "b.parquet")
     monkeypatch.setattr("hdagen.log.csv_file.MOST_CELLS", 10)
@@ -286,7 +289,7 @@ def test_memory_that_is_not_there_is_no_damaged_file(tmp_path: Path, monkeypatch
         raise MemoryError
 
     write({"time": np.arange(60) / 1000, **LOG}, tmp_path / "a.parquet")
-    monkeypatch.setattr(data_table, "_numbers", full)
+    monkeypatch.setattr(data_table, "_convert_to_float", full)
     with pytest.raises(LogError, match="not enough memory to read it"):
         read(tmp_path / "a.parquet")
 
@@ -390,10 +393,14 @@ def test_inputs_are_looked_at_before_a_model_is_built(
 @pytest.mark.parametrize(
     ("error", "code", "words"),
     [
-        (RuntimeError("all\nwrong\x1b"), command.UNFORESEEN, "did not foresee (RuntimeError: all); HDAGEN_TRACEBACK=1"),
-        (ValueError("\x1b[2J"), command.UNFORESEEN, "(ValueError: \\x1b[2J)"),
+        (
+            RuntimeError("all\nwrong\x1b"),
+            command.UNFORESEEN_ERROR,
+            "did not foresee (RuntimeError: all); HDAGEN_TRACEBACK=1",
+        ),
+        (ValueError("\x1b[2J"), command.UNFORESEEN_ERROR, "(ValueError: \\x1b[2J)"),
         (MemoryError(), command.UNUSABLE, "not enough memory"),
-        (RecursionError("deep"), command.UNFORESEEN, "RecursionError"),
+        (RecursionError("deep"), command.UNFORESEEN_ERROR, "RecursionError"),
         (
             OSError(errno.ENOSPC, "No space left on device"),
             command.USAGE,
@@ -411,7 +418,7 @@ def test_inputs_are_looked_at_before_a_model_is_built(
             command.USAGE,
             "x: cannot be used (Permission denied)",
         ),
-        (BrokenPipeError(errno.EPIPE, "Broken pipe"), command.UNREAD, ""),
+        (BrokenPipeError(errno.EPIPE, "Broken pipe"), command.OUTPUT_CLOSED, ""),
         (KeyboardInterrupt(), command.INTERRUPTED, "interrupted"),
     ],
 )
@@ -421,18 +428,18 @@ def test_whatever_happens_ends_in_a_sentence_and_a_code(
     def broken(_: object) -> None:
         raise error
 
-    monkeypatch.delenv(command.TRACEBACK, raising=False)
+    monkeypatch.delenv(command.TRACEBACK_VARIABLE, raising=False)
     monkeypatch.setattr("hdagen.cli.paper.run", broken)
     assert command.main(["paper", "list"]) == code
     said = capsys.readouterr().err
     assert words in said and said.count("\n") == bool(words) and said.rstrip("\n").isprintable()
-    if code == command.UNFORESEEN:
-        monkeypatch.setenv(command.TRACEBACK, "1")
+    if code == command.UNFORESEEN_ERROR:
+        monkeypatch.setenv(command.TRACEBACK_VARIABLE, "1")
         with pytest.raises(type(error)):
             command.main(["paper", "list"])
-    monkeypatch.delenv(command.TRACEBACK, raising=False)
-    monkeypatch.setattr("gen.__main__._describe", broken)
-    assert gen_command.main(["describe", "paper"]) == (code if code != command.UNUSABLE else command.UNFORESEEN)
+    monkeypatch.delenv(command.TRACEBACK_VARIABLE, raising=False)
+    monkeypatch.setattr("gen.__main__._describe_robot", broken)
+    assert gen_command.main(["describe", "paper"]) == (code if code != command.UNUSABLE else command.UNFORESEEN_ERROR)
     said = capsys.readouterr().err
     assert said.count("\n") == bool(words) and said.rstrip("\n").isprintable()
 
@@ -458,7 +465,7 @@ def test_a_pipe_that_nobody_reads_ends_the_command_silently(arguments: str) -> N
     os.close(reader)
     done = run(*arguments.split(), stdout=writer)
     os.close(writer)
-    assert (done.returncode, done.stderr) == (command.UNREAD, "")
+    assert (done.returncode, done.stderr) == (command.OUTPUT_CLOSED, "")
 
 
 INTERRUPTED = """
@@ -494,7 +501,7 @@ def test_the_public_names_are_there_without_being_loaded_first() -> None:
     assert all(getattr(hdagen, name).__name__ for name in hdagen.__all__) and set(hdagen.__all__) <= set(dir(hdagen))
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         hdagen.nothing  # noqa: B018
-    code = "import sys, hdagen.__main__; hdagen.__main__.parser(); sys.exit('numpy' in sys.modules)"
+    code = "import sys, hdagen.__main__; hdagen.__main__.build_parser(); sys.exit('numpy' in sys.modules)"
     assert run("-c", code, stdout=subprocess.PIPE).returncode == 0
 
 
@@ -512,4 +519,4 @@ def test_too_few_open_files_are_no_missing_compiler(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("gen.builder.compiler.shutil.which", lambda name: f"/bin/{name}")
     monkeypatch.setattr("gen.builder.compiler.subprocess.run", exhausted)
     with pytest.raises(CompileError, match=r"`cc --version` cannot be started \(Too many open files\)"):
-        find.__wrapped__()
+        find_compiler.__wrapped__()

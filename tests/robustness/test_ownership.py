@@ -18,10 +18,10 @@ from stub_compiler import stub_compiler
 
 import hdagen
 from gen.builder import compiler
-from gen.builder.build import OBJECTS, BuildError
-from gen.builder.build import build as make
+from gen.builder.build import OBJECT_FOLDER, BuildError
+from gen.builder.build import build_robot as make
 from hdagen.__main__ import main
-from hdagen.arm.build_loader import PlantError, find_builds
+from hdagen.arm.build_loader import PlantError, find_build_folder
 from hdagen.arm.compiled_arm import Arm
 from hdagen.support.ownership import find_other_writer
 
@@ -173,9 +173,9 @@ def test_a_folder_in_the_place_of_a_robot_is_loaded_only_where_that_is_asked_for
 def stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The stub compiler; its commands are listed beside it."""
     monkeypatch.setenv("CC", str(stub_compiler(tmp_path)))
-    compiler.find.cache_clear()
+    compiler.find_compiler.cache_clear()
     yield tmp_path
-    compiler.find.cache_clear()
+    compiler.find_compiler.cache_clear()
 
 
 @pytest.fixture
@@ -208,9 +208,9 @@ def test_where_others_may_write_nothing_is_taken_and_no_object_is_kept(stub: Pat
 def test_an_object_that_others_may_write_is_not_taken(stub: Path, robot: Path, how: str) -> None:
     out = stub / "build"
     make(str(robot), "portable", out)
-    assert (out / OBJECTS).stat().st_mode & 0o777 == 0o700
+    assert (out / OBJECT_FOLDER).stat().st_mode & 0o777 == 0o700
     assert compiled(stub)
-    for path in [out / OBJECTS] if how == "folder" else (out / OBJECTS).iterdir():
+    for path in [out / OBJECT_FOLDER] if how == "folder" else (out / OBJECT_FOLDER).iterdir():
         path.chmod(0o777)
     robot.write_text(robot.read_text().replace("mass = ", "mass = 1", 1))
     make(str(robot), "portable", out)
@@ -218,7 +218,7 @@ def test_an_object_that_others_may_write_is_not_taken(stub: Path, robot: Path, h
 
 
 def test_what_a_killed_build_left_among_the_objects_is_removed(stub: Path, robot: Path) -> None:
-    left = stub / "build" / OBJECTS / ".part-0123456789abcdef"
+    left = stub / "build" / OBJECT_FOLDER / ".part-0123456789abcdef"
     left.parent.mkdir(parents=True, mode=0o700)
     left.write_text("half")
     make(str(robot), "portable", stub / "build")
@@ -251,16 +251,16 @@ def test_builds_of_first_use_lie_in_the_user_s_cache(tmp_path: Path, monkeypatch
     monkeypatch.delenv("HDAGEN_BUILD", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # which does not count
-    assert find_builds() == tmp_path / "home" / ".cache" / "hdagen"
+    assert find_build_folder() == tmp_path / "home" / ".cache" / "hdagen"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
-    assert find_builds() == tmp_path / "caches" / "hdagen"
-    assert find_builds().stat().st_mode & 0o777 == 0o700
+    assert find_build_folder() == tmp_path / "caches" / "hdagen"
+    assert find_build_folder().stat().st_mode & 0o777 == 0o700
     assert sorted(path.name for path in tmp_path.iterdir()) == ["caches", "home"], "something in the working folder"
     (tmp_path / "build").mkdir()
-    assert find_builds() == Path("build")
+    assert find_build_folder() == Path("build")
     monkeypatch.setenv("HDAGEN_BUILD", str(tmp_path / "elsewhere"))
-    assert find_builds() == tmp_path / "elsewhere"
-    assert find_builds(tmp_path / "asked") == tmp_path / "asked"
+    assert find_build_folder() == tmp_path / "elsewhere"
+    assert find_build_folder(tmp_path / "asked") == tmp_path / "asked"
 
 
 def test_a_cache_that_cannot_be_made_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -269,4 +269,4 @@ def test_a_cache_that_cannot_be_made_is_said(tmp_path: Path, monkeypatch: pytest
     monkeypatch.delenv("HDAGEN_BUILD", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(PlantError, match=r"cannot be made \(.*\); name a folder in \$HDAGEN_BUILD\."):
-        find_builds()
+        find_build_folder()

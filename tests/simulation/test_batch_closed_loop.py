@@ -14,8 +14,8 @@ from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guarded_controller import Controller, Guard, Safe
 from hdagen.control.reference_motion import circle
-from hdagen.paper.prototype.virtual_prototype import controller, fine_sensors
-from hdagen.simulation.batch_closed_loop import LATEST, closed_loops
+from hdagen.paper.prototype.virtual_prototype import fine_sensors, make_controller
+from hdagen.simulation.batch_closed_loop import MOST_DELAY_TICKS, closed_loops
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push, run
 
@@ -63,7 +63,7 @@ def test_with_everything_the_prototype_has(load: Loaded) -> None:
     """Current loop, delay on the bus, saturation, torsion, hysteresis, Hall sensors; a controller that knows less."""
     plant = load("paper_prototype", "native", **FRICTIONLESS)
     known = load("paper_prototype", "native", ratio_error_1=0.0, coulomb_friction_1=0.0)
-    regulator = controller(known, "impedance", {"mass_x": 3.0})
+    regulator = make_controller(known, "impedance", {"mass_x": 3.0})
     alone = run(plant, regulator, PATH, PUSHES, Sensors(delay=1), seed=5)
     sets = {"mass_x": [3.0], "stiffness_y": [500.0]}
     found = closed_loops(plant, regulator, PATH, sets, trajectories, PUSHES, Sensors(delay=1), seed=5)
@@ -117,7 +117,12 @@ def test_wrong_sets_are_refused_all_at_once(load: Loaded) -> None:
     for wrong in ({}, {"mass_x": []}, {"mass_x": [[1.0]]}):
         with pytest.raises(PlantError, match="one or more sets"):
             closed_loops(arm, regulator, PATH, wrong, trajectories)
-    with pytest.raises(PlantError, match=f"more than closed loops in lanes take, {LATEST}"):
+    with pytest.raises(PlantError, match=f"more than closed loops in lanes take, {MOST_DELAY_TICKS}"):
         closed_loops(
-            arm, regulator, PATH, {"mass_x": [1.0]}, trajectories, sensors=replace(Sensors(), delay=LATEST + 1)
+            arm,
+            regulator,
+            PATH,
+            {"mass_x": [1.0]},
+            trajectories,
+            sensors=replace(Sensors(), delay=MOST_DELAY_TICKS + 1),
         )

@@ -221,7 +221,7 @@ def test_a_rigid_robot_has_the_effects_that_mean_something_there(build: Builder)
     rest = tuple(name for name in NAMES if name != "missing_compliance")
     manifest = build(RIGID, effects=rest).manifest
     effects = {e["name"]: e for e in manifest["effects"]}
-    assert not {e.name for e in ALL if not e.rigid and e not in NOMINAL} & set(effects)
+    assert not {e.name for e in ALL if not e.suits_rigid_drive and e not in NOMINAL} & set(effects)
     assert list(effects["encoder_eccentricity"]["joints"]) == [1] and list(effects["contact"]["joints"]) == [1, 2]
     assert effects["torque_constant"]["amplitudes"] == ["torque_gain"]
     units = {q["name"]: q["unit"] for q in manifest["parameters"]}

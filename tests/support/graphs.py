@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gen.effects import ALL, NOMINAL
 from gen.model.arm_model import Model
-from gen.model.function_library import Library, library
+from gen.model.function_library import Library, make_library
 from gen.robot.load_robot import load
 
 Floats = NDArray[np.float64]
@@ -26,7 +26,7 @@ def assembled(source: str, extra: tuple[str, ...] = ()) -> Library:
     """The library of a preset or a robot.toml with effects added."""
     robot = load(source)
     wanted = {stated.name for stated in robot.effects} | set(extra)
-    return library(Model(robot, tuple(e for e in ALL if e in NOMINAL or e.name in wanted)))
+    return make_library(Model(robot, tuple(e for e in ALL if e in NOMINAL or e.name in wanted)))
 
 
 class Interpreted:

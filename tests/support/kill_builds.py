@@ -29,7 +29,7 @@ def started(robot: str, out: Path) -> int:
     code = 1
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-        builds.build(robot, "portable", out)
+        builds.build_robot(robot, "portable", out)
         code = 0
     finally:
         os._exit(code)
@@ -38,16 +38,16 @@ def started(robot: str, out: Path) -> int:
 def await_part(out: Path, seconds: float) -> None:
     """Until a folder is being made, or the time is over."""
     until = time.monotonic() + seconds
-    while time.monotonic() < until and not any(builds.PART in path.name for path in out.iterdir()):
+    while time.monotonic() < until and not any(builds.PARTIAL_BUILD_PREFIX in path.name for path in out.iterdir()):
         time.sleep(1e-4)
 
 
 def main(robot: str, out: Path, count: int, seed: int, seconds: float) -> dict[str, int]:
     """Counts of kills, of those in mid-build, of builds that stood whole, of what was wrong."""
     rng, found = random.Random(seed), dict.fromkeys(("kills", "leftovers", "whole", "broken", "uncleaned", "failed"), 0)
-    folder, name, _ = builds.place(robot, "portable", out)
-    made = builds.assembled(robot, load(robot), ())
-    builds.assembled = lambda *_: made
+    folder, name, _ = builds.locate_build(robot, "portable", out)
+    made = builds.assemble_library(robot, load(robot), ())
+    builds.assemble_library = lambda *_: made
     begun = time.monotonic()
     _, status = os.waitpid(started(robot, out), 0)
     took, found["failed"] = time.monotonic() - begun, int(status != 0)
@@ -60,13 +60,13 @@ def main(robot: str, out: Path, count: int, seed: int, seconds: float) -> dict[s
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         found["kills"] += 1
-        found["leftovers"] += any(builds.PART in path.name for path in out.iterdir())
-        whole = builds.intact(folder, name)
+        found["leftovers"] += any(builds.PARTIAL_BUILD_PREFIX in path.name for path in out.iterdir())
+        whole = builds.is_intact(folder, name)
         found["whole"] += whole
         found["broken"] += folder.exists() and not whole
         if whole or found["kills"] % 20 == 0:
             _, status = os.waitpid(started(robot, out), 0)
-            found["failed"] += status != 0 or not builds.intact(folder, name)
+            found["failed"] += status != 0 or not builds.is_intact(folder, name)
             found["uncleaned"] += not whole and {p.name for p in out.iterdir()} - {".objects"} != {".lock", folder.name}
             shutil.rmtree(folder)
     return found

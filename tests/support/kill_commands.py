@@ -27,13 +27,13 @@ import test_fleet
 from replayed import FLEXIBLE, diagnosis
 from test_diagnosis_report import NAMES, TRUTHS, seen
 
-from gen.builder.build import build
+from gen.builder.build import build_robot
 from hdagen import __main__
 from hdagen.arm.compiled_arm import Arm
 from hdagen.blind import sealed_check as blind
 from hdagen.diagnosis import pipeline as diagnosed
-from hdagen.diagnosis.data.split import Portion, blocks
-from hdagen.diagnosis.holdout.unseen_motion import UnseenMotion
+from hdagen.diagnosis.data.split import LogPortion, mark_holdout_blocks
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.fleet import fleet_diagnosis
 from hdagen.log.measured_log import write
 
@@ -52,12 +52,12 @@ def prepare_adopt(folder: Path) -> list[str]:
 
 
 def prepare_diagnose(folder: Path) -> list[str]:
-    arm = Arm(build(str(robot(folder)), "portable", Path(os.environ["HDAGEN_BUILD"]), NAMES)[0])
+    arm = Arm(build_robot(str(robot(folder)), "portable", Path(os.environ["HDAGEN_BUILD"]), NAMES)[0])
     sight, said, log, before, after = seen(arm, {"cable_spring@2": TRUTHS["cable_spring@2"][0]})
     said["robot"]["identity"] = "0" * 64
-    held = Portion(log, blocks(log.time))
-    motion = UnseenMotion(held, lambda _: before, before, before, before)
-    found = SimpleNamespace(content=said, after=after, held_out=motion, sight=sight, left_out=())
+    held = LogPortion(log, mark_holdout_blocks(log.time))
+    motion = HoldoutMotion(held, lambda _: before, before, before, before)
+    found = SimpleNamespace(content=said, after=after, holdout=motion, residual_torque=sight, failures=())
     diagnosed.diagnose = lambda *_: found
     write(log, folder / "log.parquet")
     return ["diagnose", str(folder / "robot.toml"), str(folder / "log.parquet"), "--out", str(folder / "out")]
@@ -81,7 +81,9 @@ for name, text in (("diagnosis.json", json.dumps(found)), ("report.html", "<html
 def prepare_fleet(folder: Path) -> list[str]:
     (folder / "stand_in.py").write_text(STAND_IN)
     os.environ["CALLS"] = str(folder / "calls")
-    fleet_diagnosis.diagnose = partial(fleet_diagnosis.diagnose, command=(sys.executable, str(folder / "stand_in.py")))
+    fleet_diagnosis.diagnose_fleet = partial(
+        fleet_diagnosis.diagnose_fleet, command=(sys.executable, str(folder / "stand_in.py"))
+    )
     robot(folder)
     text = ""
     for name in "abcd":

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.mpc.configuration import Configuration, Wall, checked
+from hdagen.mpc.configuration import Configuration, Wall, check_configuration
 
 WALLS = (Wall((1.0, 0.0), 0.265, 2e4, 20.0), Wall((0.0, 1.0), 0.07))
 
@@ -26,7 +26,9 @@ def built(
     robot: str = "paper", profile: str = "portable", nodes: int = 20, space: str = "tip", walls: int = 2, **more: float
 ) -> tuple[Arm, Configuration]:
     """An arm and a configuration that fits it; ``walls`` of them (far away beyond two)."""
-    c = checked({"mpc": {"nodes": nodes, "space": space}, "limits": {"tip_speed": 0.15, "sudden": 0.035}}, "test")
+    c = check_configuration(
+        {"mpc": {"nodes": nodes, "space": space}, "limits": {"tip_speed": 0.15, "sudden": 0.035}}, "test"
+    )
     far = tuple(Wall((1.0, 0.0), 10.0 + k) for k in range(max(0, walls - 2)))
-    c = c.changed((*WALLS[:walls], *far), **more)
+    c = c.with_changes((*WALLS[:walls], *far), **more)
     return load(robot, profile, out=folder(), mpc=c), c

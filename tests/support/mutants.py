@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from gen.presets import presets
+from gen.presets import find_presets
 from gen.robot.description import RobotError
 from gen.robot.load_robot import load as load_robot
 from hdagen.adoption import verdict
@@ -37,7 +37,7 @@ from hdagen.diagnosis.decision import calibration
 from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import read, write
-from hdagen.mpc.configuration import read as read_configuration
+from hdagen.mpc.configuration import read_configuration
 from hdagen.prediction.closed_loop_replay import read_controller
 
 SLOWEST = 20.0  # s
@@ -197,9 +197,9 @@ def kinds(folder: Path) -> tuple[Kind, ...]:
         "semicolons": "# taken on a Monday\n" + text.replace(",", ";").replace(".", ","),
         "tabs": text.replace(",", "\t").replace("\n", "\r\n"),
     }
-    robots = {name: Path(presets()[name]).read_bytes() for name in ("paper", "emps")}
+    robots = {name: Path(find_presets()[name]).read_bytes() for name in ("paper", "emps")}
     fits = [{"log_odds": 0.1 * k, "right": k % 3 > 0} for k in range(40)]
-    data = {"schema": calibrate.DATA, "kind": "single", "seed_hash": "0" * 64, "cases": fits}
+    data = {"schema": calibrate.DATA_SCHEMA, "kind": "single", "seed_hash": "0" * 64, "cases": fits}
 
     def through(path: Path) -> object:
         return read(folder / "log.csv", path, 2, holes=True)
@@ -214,13 +214,18 @@ def kinds(folder: Path) -> tuple[Kind, ...]:
         Kind("log.mat", mats(folder), looked_at, 0),  # by a process each: asked for by name
         Kind("columns.toml", {"columns": COLUMNS.encode()}, through, 12),
         Kind("robot.toml", robots, load_robot, 10),
-        Kind("fleet.toml", {"fleet": FLEET.encode()}, lambda path: fleet_file.read(beside(path, folder)), 8),
+        Kind("fleet.toml", {"fleet": FLEET.encode()}, lambda path: fleet_file.read_fleet(beside(path, folder)), 8),
         Kind("controller.toml", {"controller": CONTROLLER.encode()}, read_controller, 8),
         Kind("mpc.toml", {"predictive": PREDICTIVE.encode()}, read_configuration, 8),
-        Kind("diagnosis.json", {"diagnosis": json.dumps(DIAGNOSIS).encode()}, verdict.read, 10),
+        Kind("diagnosis.json", {"diagnosis": json.dumps(DIAGNOSIS).encode()}, verdict.read_verdict, 10),
         Kind("kept.json", {"diagnosis": json.dumps(DIAGNOSIS).encode()}, kept, 6),
-        Kind("calibration.json", {"frozen": calibration.FROZEN.read_bytes()}, calibration.read, 2),
-        Kind("cases.json", {"data": json.dumps(data).encode()}, lambda path: calibrate.freeze([path], folder / "f"), 1),
+        Kind("calibration.json", {"frozen": calibration.CALIBRATION_FILE.read_bytes()}, calibration.read, 2),
+        Kind(
+            "cases.json",
+            {"data": json.dumps(data).encode()},
+            lambda path: calibrate.freeze_calibration([path], folder / "f"),
+            1,
+        ),
     )
 
 
@@ -243,13 +248,13 @@ def beside(path: Path, folder: Path) -> Path:
 def told(folder: Path) -> object:
     """Table and page of a fleet of one machine whose diagnosis.json lies in ``folder``."""
     try:
-        found = fleet_diagnosis._diagnosis(folder)
+        found = fleet_diagnosis._read_diagnosis(folder)
     except (fleet_diagnosis.InputFileError, ValueError) as error:
         raise PlantError(error) from None
-    machine = fleet_file.Machine("a", "paper", folder / "log.csv", None, None)
-    results = [fleet_diagnosis.Result(machine, fleet_diagnosis.Status.DIAGNOSED, diagnosis=found)]
-    fleet_diagnosis.write(folder / "fleet.json", fleet_diagnosis.summary(results))
-    fleet_page.write(folder / "fleet.html", folder / "fleet.toml", results)
+    machine = fleet_file.FleetMachine("a", "paper", folder / "log.csv", None, None)
+    results = [fleet_diagnosis.MachineResult(machine, fleet_diagnosis.Status.DIAGNOSED, diagnosis=found)]
+    fleet_diagnosis.write_json(folder / "fleet.json", fleet_diagnosis.summarize_fleet(results))
+    fleet_page.write_fleet_page(folder / "fleet.html", folder / "fleet.toml", results)
     return results
 
 

@@ -8,7 +8,7 @@ import arms
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.log.column_map import commanded
+from hdagen.log.column_map import name_command_channel
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import Replay
 
@@ -37,14 +37,17 @@ def simulated(arm: Arm, seconds: float = 1.2, velocities: bool = False, seed: in
     u[:, : arm.n] = size * swing[:, : arm.n]
     u[300:500, arm.index("tip_force_y")] = 8.0
     hanging = np.array([-np.pi / 2, *np.zeros(arm.n - 1)])
-    mean, shown = arm.acting(u[:, : arm.n], np.append(np.diff(time), 1e-3), np.zeros(arm.n))
+    mean, shown = arm.apply_input_stage(u[:, : arm.n], np.append(np.diff(time), 1e-3), np.zeros(arm.n))
     acting = np.hstack([mean, u[:, arm.n :]])
     x = arm.rollout(arm.rest(hanging), acting[:-1], np.diff(time), exact=True)
     seen = arm.outputs(x, np.vstack([np.zeros(arm.nu), acting[:-1]]))
     columns = {"tip_force_x": u[:, -2], "tip_force_y": u[:, -1]}
     for j in range(1, arm.n + 1):
         name = arm.input_names[j - 1]
-        columns |= {commanded(name): u[:, j - 1], name: shown[:, j - 1] + NOISE * rng.standard_normal(len(time))}
+        columns |= {
+            name_command_channel(name): u[:, j - 1],
+            name: shown[:, j - 1] + NOISE * rng.standard_normal(len(time)),
+        }
         columns[f"motor_position_{j}"] = np.round(seen["motor_position"][:, j - 1] / MOTOR) * MOTOR
         columns[f"joint_position_{j}"] = np.round(seen["joint_position"][:, j - 1] / JOINT) * JOINT
         if velocities:

@@ -20,20 +20,20 @@ def points(tip: np.ndarray) -> np.ndarray:
 
 
 def figures(word: Callable[[str], str]) -> list[str]:
-    curve, series, bars = figure.Curve, figure.Series, figure.Bars
+    curve, series, bars = figure.Curve, figure.Series, figure.BarGroup
     noisy = TORQUE + 0.1 * np.sin(300 * TIME)
     frequency = np.geomspace(0.1, 500.0, 300)
     return [
-        animation.arm(
+        animation.animate_arms(
             word("arm"),
             TIME,
-            [animation.Arm(word("one"), points(TIP)), animation.Arm(word("two"), points(TIP + 0.002))],
+            [animation.MovingArm(word("one"), points(TIP)), animation.MovingArm(word("two"), points(TIP + 0.002))],
             target=TIP,
             pushes=[(3.0, 4.0, (15.0, 0.0)), (6.0, 7.0, (0.0, 15.0))],
             caption=word("caption"),
             link=word("link"),
         ),
-        figure.panels(
+        figure.draw_panels(
             word("torques"),
             TIME,
             [
@@ -52,7 +52,7 @@ def figures(word: Callable[[str], str]) -> list[str]:
             caption=word("caption"),
             link=word("link"),
         ),
-        figure.planes(
+        figure.draw_planes(
             word("paths"),
             [
                 figure.Plane([curve(word("tip"), *TIP.T, time=TIME)], marks=[(0.4, 0.15, word("start"))]),
@@ -62,7 +62,7 @@ def figures(word: Callable[[str], str]) -> list[str]:
             y_label=word("y (m)"),
             link=word("link"),
         ),
-        figure.lines(
+        figure.draw_lines(
             word("spectrum"),
             frequency,
             [series(word("residual"), 1e-3 / frequency)],
@@ -71,14 +71,14 @@ def figures(word: Callable[[str], str]) -> list[str]:
             log_x=True,
             log_y=True,
         ),
-        figure.bars(
+        figure.draw_bars(
             word("bars"),
             [word("joint 1"), word("joint 2")],
             [bars(word("before"), [12.0, 6.0]), bars(word("after"), [1.5, np.nan], ([1.2, np.nan], [1.7, np.nan]))],
             value_label=word("error (m)"),
             levels=[(1.0, word("noise"))],
         ),
-        figure.heat(
+        figure.draw_heat_map(
             word("map"),
             np.linspace(-3.0, 3.0, 7),
             np.linspace(0.0, 10.0, 5),
@@ -88,7 +88,7 @@ def figures(word: Callable[[str], str]) -> list[str]:
             value_label=word("residual (N m)"),
             center=0.0,
         ),
-        figure.heat(
+        figure.draw_heat_map(
             word("names"),
             [word("joint 1"), word("joint 2")],
             [word("effect 1"), word("effect 2")],
@@ -97,10 +97,12 @@ def figures(word: Callable[[str], str]) -> list[str]:
             y_label=word("effect"),
             value_label=word("probability"),
         ),
-        figure.table(
+        figure.draw_table(
             word("numbers"), [word("name"), word("value")], [[word("largest"), 0.02143], [word("none"), None]]
         ),
-        figure.lines(word("clock"), 1.7e9 + TIME, [series(word("one"), 1e3 + 1e-3 * TIME)], y_label=word("height (m)")),
+        figure.draw_lines(
+            word("clock"), 1.7e9 + TIME, [series(word("one"), 1e3 + 1e-3 * TIME)], y_label=word("height (m)")
+        ),
     ]
 
 
@@ -113,4 +115,4 @@ def sections(word: Callable[[str], str] = str) -> list[page.Section]:
 
 
 def text(word: Callable[[str], str] = str) -> str:
-    return page.render(word("title"), word("verdict"), sections(word), word("how") + "\n\n    " + word("command"))
+    return page.render_page(word("title"), word("verdict"), sections(word), word("how") + "\n\n    " + word("command"))

@@ -43,8 +43,8 @@ def model(diagnosis: Path | None) -> Arm:
     """The pendulum of robot.toml, with the effects and parameters of a diagnosis in it."""
     if diagnosis is None:
         return load(ROBOT)
-    stated = verdict.read(diagnosis)
-    return verdict.applied(verdict.with_effects(ROBOT, "portable", stated), stated)[0]
+    stated = verdict.read_verdict(diagnosis)
+    return verdict.apply_verdict(verdict.load_with_effects(ROBOT, "portable", stated), stated)[0]
 
 
 def main() -> None:

@@ -22,17 +22,17 @@ from hdagen.blind.realities.arm_motion import Motion
 from hdagen.blind.realities.drivetrain import Drivetrain
 
 PERIOD = 1e-3  # s, of the controller and the log
-STEPS = 40  # a period
-STEP = PERIOD / STEPS
-MOST_CURRENT = 12.0  # A, largest command of the controller
-BANDWIDTH = 55.0  # rad/s, of the position loop
-_ALMOST_ONE = 0.9999  # MuJoCo's hardest impedance: dry friction creeps by a millionth of the speed it stops
-_IMPEDANCE = 0.02  # of a wall: near 1 MuJoCo's contact has many times the arm's inertia
-_RADIUS = 0.01  # m, of the ball that meets a wall
+STEPS_PER_SAMPLE = 40  # a period
+ARM_STEP = PERIOD / STEPS_PER_SAMPLE
+LARGEST_COMMAND = 12.0  # A, largest command of the controller
+POSITION_LOOP_BANDWIDTH = 55.0  # rad/s, of the position loop
+_HARDEST_IMPEDANCE = 0.9999  # MuJoCo's hardest impedance: dry friction creeps by a millionth of the speed it stops
+_WALL_IMPEDANCE = 0.02  # of a wall: near 1 MuJoCo's contact has many times the arm's inertia
+_BALL_RADIUS = 0.01  # m, of the ball that meets a wall
 
 
 @dataclass(frozen=True)
-class World:
+class ArmWorld:
     """The contents of a reality, SI. ``joints``: base parameters of each joint, the keys of robot.toml's tables in one;
     ``effects[j]``: parameters by effect of joint j (from 0); ``arm``: effects of the whole arm; ``gravity`` in the
     plane."""
@@ -43,7 +43,9 @@ class World:
     gravity: tuple[float, float]
 
 
-def simulate(world: World, nominal: Sequence[Mapping[str, float]], motion: Motion, noise: int) -> dict[str, np.ndarray]:
+def simulate_world(
+    world: ArmWorld, nominal: Sequence[Mapping[str, float]], motion: Motion, noise: int
+) -> dict[str, np.ndarray]:
     """Simulate a motion.
 
     Args:
@@ -56,10 +58,10 @@ def simulate(world: World, nominal: Sequence[Mapping[str, float]], motion: Motio
         The log: columns (T,) of docs/log.md by name.
 
     """
-    return _Run(world, nominal, motion, noise).log()
+    return _ArmSimulation(world, nominal, motion, noise).simulate_log()
 
 
-def tilted(world: World) -> tuple[float, float]:
+def tilt_gravity(world: ArmWorld) -> tuple[float, float]:
     """Compute gravity in the plane of a base that is not level.
 
     Args:
@@ -79,17 +81,20 @@ def tilted(world: World) -> tuple[float, float]:
     return x + 9.81 * sine * math.cos(p["direction"]), y + 9.81 * sine * math.sin(p["direction"])
 
 
-def _model(world: World) -> Any:
+def _build_model(world: ArmWorld) -> Any:
     """The MuJoCo model: rotors stand beside the arm, their reaction on the links is left out as in the robot file."""
     first, second = world.joints
-    gx, gy = tilted(world)
-    dry = f'solreffriction="{2 * STEP} 1" solimpfriction="{_ALMOST_ONE} {_ALMOST_ONE} 0.001 0.5 2" frictionloss="1e-3"'
+    gx, gy = tilt_gravity(world)
+    dry = (
+        f'solreffriction="{2 * ARM_STEP} 1" solimpfriction="{_HARDEST_IMPEDANCE} {_HARDEST_IMPEDANCE} 0.001 0.5 2"'
+        ' frictionloss="1e-3"'
+    )
     rotors = "".join(
         f'<body><joint name="rotor{j}" axis="0 0 1" {dry}/>'
         f'<inertial pos="0 0 0" mass="1" diaginertia="1e-3 1e-3 {joint["motor_inertia"]!r}"/></body>'
         for j, joint in enumerate(world.joints)
     )
-    walls = [_wall(j, world) for j in range(2)]
+    walls = [_wall_xml(j, world) for j in range(2)]
     load = ""
     if payload := world.effects[1].get("payload"):
         # a body of its own: MuJoCo takes no mass from a geom where a body states its inertia
@@ -98,35 +103,33 @@ def _model(world: World) -> Any:
             'diaginertia="1e-9 1e-9 1e-9"/></body>'
         )
     balls = [
-        f'<geom name="ball{j}" type="sphere" size="{_RADIUS}" pos="{joint["length"]!r} 0 0" mass="0"/>'
+        f'<geom name="ball{j}" type="sphere" size="{_BALL_RADIUS}" pos="{joint["length"]!r} 0 0" mass="0"/>'
         for j, joint in enumerate(world.joints)
     ]
     pairs = "".join(
-        f'<pair geom1="ball{j}" geom2="wall{j}" condim="1" solimp="{_IMPEDANCE} {_IMPEDANCE} 0.001 0.5 2"/>'
+        f'<pair geom1="ball{j}" geom2="wall{j}" condim="1" solimp="{_WALL_IMPEDANCE} {_WALL_IMPEDANCE} 0.001 0.5 2"/>'
         for j in range(2)
         if walls[j]
     )
     actuators = "".join(_actuator_xml(j, world) for j in range(2))
-    return mujoco.MjModel.from_xml_string(
-        f"""<mujoco>
-        <option timestep="{STEP}" integrator="Euler" gravity="{gx!r} {gy!r} 0" solver="Newton" tolerance="1e-12">
+    return mujoco.MjModel.from_xml_string(f"""<mujoco>
+        <option timestep="{ARM_STEP}" integrator="Euler" gravity="{gx!r} {gy!r} 0" solver="Newton" tolerance="1e-12">
           <flag eulerdamp="disable"/></option>
         <default><geom contype="0" conaffinity="0"/></default>
         <worldbody>{rotors}{walls[0]}
-          <body><joint name="joint0" axis="0 0 1"/>{_inertial(first)}{balls[0]}{walls[1]}
-            <body pos="{first["length"]!r} 0 0"><joint name="joint1" axis="0 0 1"/>{_inertial(second)}{balls[1]}{load}
+          <body><joint name="joint0" axis="0 0 1"/>{_inertial_xml(first)}{balls[0]}{walls[1]}
+            <body pos="{first["length"]!r} 0 0"><joint name="joint1" axis="0 0 1"/>{_inertial_xml(second)}{balls[1]}{load}
             </body></body></worldbody>
-        <contact>{pairs}</contact><actuator>{actuators}</actuator></mujoco>"""
-    )
+        <contact>{pairs}</contact><actuator>{actuators}</actuator></mujoco>""")
 
 
-def _inertial(joint: Mapping[str, float]) -> str:
+def _inertial_xml(joint: Mapping[str, float]) -> str:
     own = joint["inertia"]
     inertia = f'mass="{joint["mass"]!r}" diaginertia="{own!r} {own!r} {own!r}"'
     return f'<inertial pos="{joint["center_of_mass"]!r} 0 0" {inertia}/>'
 
 
-def _actuator_xml(j: int, world: World) -> str:
+def _actuator_xml(j: int, world: ArmWorld) -> str:
     """The motor of joint ``j``, which filters its current where the current loop lags."""
     dynamics = 'dyntype="none"'
     if lag := world.effects[j].get("current_loop_lag"):
@@ -134,13 +137,13 @@ def _actuator_xml(j: int, world: World) -> str:
     return f'<general joint="rotor{j}" gainprm="1" biastype="none" {dynamics}/>'
 
 
-def _wall(j: int, world: World) -> str:
+def _wall_xml(j: int, world: ArmWorld) -> str:
     """A box that the ball at the end of link ``j`` touches when the joint stands at the wall's angle; empty without a
     wall."""
     if "contact" not in world.effects[j]:
         return ""
     p, length = world.effects[j]["contact"], world.joints[j]["length"]
-    half, away = 0.2, p["side"] * (_RADIUS + 0.2)
+    half, away = 0.2, p["side"] * (_BALL_RADIUS + 0.2)
     axis = 0.0  # place of the joint on the body that carries the wall
     if j:
         axis = world.joints[0]["length"]
@@ -150,23 +153,23 @@ def _wall(j: int, world: World) -> str:
     return f'<geom name="wall{j}" type="box" size="{half} {half} {half}" pos="{x!r} {y!r} 0" quat="{turn}"/>'
 
 
-class _Run:
+class _ArmSimulation:
     """One simulation: MuJoCo's state, both drives, the controller, and the rows so far."""
 
-    def __init__(self, world: World, nominal: Sequence[Mapping[str, float]], motion: Motion, noise: int) -> None:
+    def __init__(self, world: ArmWorld, nominal: Sequence[Mapping[str, float]], motion: Motion, noise: int) -> None:
         self.world, self.nominal, self.motion = world, nominal, motion
         self.rng = np.random.default_rng(noise)
-        self.model = _model(world)
+        self.model = _build_model(world)
         self._stiffen_walls()
         self.data = mujoco.MjData(self.model)
         self.drives = [
-            Drivetrain(joint, effects, STEP) for joint, effects in zip(world.joints, world.effects, strict=True)
+            Drivetrain(joint, effects, ARM_STEP) for joint, effects in zip(world.joints, world.effects, strict=True)
         ]
         self.model.actuator_gainprm[:, 0] = [drive.torque_constant for drive in self.drives]
         self.delays = [effects.get("command_delay", {}).get("time", 0.0) for effects in world.effects]
         self.limits = [effects.get("current_saturation", {}).get("limit", math.inf) for effects in world.effects]
         self.lagging = ["current_loop_lag" in effects for effects in world.effects]
-        late = [effects.get("sensor_delay", {}).get("time", 0.0) / STEP for effects in world.effects]
+        late = [effects.get("sensor_delay", {}).get("time", 0.0) / ARM_STEP for effects in world.effects]
         self.late = late
         self.seen: list[deque[float]] = [deque(maxlen=int(steps) + 2) for steps in late]
         rows = 4 + max(int(delay / PERIOD) for delay in self.delays)
@@ -174,7 +177,7 @@ class _Run:
         self.speed = [0.0, 0.0]  # rad/s, of the motors as the controller sees it
         self.encoder: list[float] | None = None
         self.ahead = [0.0] * 4  # speeds of the step before the last
-        self._rest()
+        self._set_rest_state()
 
     def _stiffen_walls(self) -> None:
         """Set the walls' stiffness and damping ratio, converted to MuJoCo's contact of this impedance and weight."""
@@ -184,11 +187,11 @@ class _Run:
             p, length = self.world.effects[j]["contact"], self.world.joints[j]["length"]
             mobility = float(m.body_invweight0[m.geom_bodyid[m.pair_geom1[k]], 0])
             mobility += float(m.body_invweight0[m.geom_bodyid[m.pair_geom2[k]], 0])
-            stiffness = p["stiffness"] / length**2 * mobility * (1.0 - _IMPEDANCE)
-            damping = 2.0 * p["damping"] * math.sqrt(stiffness * (1.0 - _IMPEDANCE))
+            stiffness = p["stiffness"] / length**2 * mobility * (1.0 - _WALL_IMPEDANCE)
+            damping = 2.0 * p["damping"] * math.sqrt(stiffness * (1.0 - _WALL_IMPEDANCE))
             m.pair_solref[k] = (-stiffness, -damping)
 
-    def _rest(self) -> None:
+    def _set_rest_state(self) -> None:
         """Start at rest at the motion's first point: springs hold the links, friction and current hold the motors."""
         q = [float(x) for x in self.motion.position[0]]
         x, v = self.data.qpos, self.data.qvel
@@ -197,7 +200,7 @@ class _Run:
         holds = [float(self.data.qfrc_bias[2 + j]) for j in range(2)]
         holds = [hold - self.drives[j].link_torque(q[j], 0.0, q[1 - j], 0.0) for j, hold in enumerate(holds)]
         for j, drive in enumerate(self.drives):
-            x[j] = drive.resting(q[j], holds[j])
+            x[j] = drive.resting_motor_angle(q[j], holds[j])
             self.commands[0] = [*self.commands[0]]
             self.commands[0][j] = holds[j] / drive.ratio / drive.torque_constant
         for row in range(1, len(self.commands)):
@@ -207,9 +210,9 @@ class _Run:
             if self.lagging[j]:
                 self.data.act[sum(self.lagging[:j])] = self.commands[0][j]
 
-    def log(self) -> dict[str, np.ndarray]:
+    def simulate_log(self) -> dict[str, np.ndarray]:
         """Simulate the whole motion; return the log's columns by name."""
-        rows = [self._sample(k) for k in range(len(self.motion.time))]
+        rows = [self._simulate_sample(k) for k in range(len(self.motion.time))]
         columns: dict[str, np.ndarray] = {"time": self.motion.time}
         names = ("motor_current_command", "motor_current", "motor_position", "joint_position")
         table = np.array(rows)
@@ -220,7 +223,7 @@ class _Run:
         columns["tip_force_x"], columns["tip_force_y"] = (np.ascontiguousarray(f) for f in self.motion.force.T)
         return columns
 
-    def _sample(self, k: int) -> list[tuple[float, ...]]:
+    def _simulate_sample(self, k: int) -> list[tuple[float, ...]]:
         """Measure row k and simulate the period after it."""
         d = self.data
         row: list[tuple[float, float, float]] = []
@@ -229,19 +232,19 @@ class _Run:
             if self.lagging[j]:
                 current = float(d.act[sum(self.lagging[:j])])
             sensor = self.nominal[j]
-            theta = _counted(float(d.qpos[j]), sensor["motor_encoder_resolution"])
-            angle = _counted(self._joint_angle(j), sensor["joint_encoder_resolution"])
+            theta = _round_to_counts(float(d.qpos[j]), sensor["motor_encoder_resolution"])
+            angle = _round_to_counts(self._joint_angle(j), sensor["joint_encoder_resolution"])
             row.append((current + sensor["current_noise"] * float(self.rng.standard_normal()), theta, angle))
-        command = self._control(k, [theta for _, theta, _ in row])
+        command = self._control_joints(k, [theta for _, theta, _ in row])
         held = [min(max(c, -limit), limit) for c, limit in zip(command, self.limits, strict=True)]
         self.commands.appendleft(held)
         for drive in self.drives:
             drive.tick(PERIOD)
         force, before = self.motion.force[k], self.motion.force[max(k - 1, 0)]
-        self._advance(k, [float(f) for f in force], [float(f) for f in before])
+        self._advance_period(k, [float(f) for f in force], [float(f) for f in before])
         return [(c, *read) for c, read in zip(command, row, strict=True)]
 
-    def _control(self, k: int, theta: list[float]) -> list[float]:
+    def _control_joints(self, k: int, theta: list[float]) -> list[float]:
         """Position loop on the motors' encoders, as a servo drive has it, with the gravity of the robot file."""
         before, self.encoder = self.encoder or theta, theta
         q = self.motion.position[k]
@@ -252,21 +255,24 @@ class _Run:
             self.speed[j] += 0.6 * ((theta[j] - before[j]) / PERIOD - self.speed[j])
             inertia = joint["motor_inertia"] + 0.05 / ratio**2
             error, rate = q[j] * ratio - theta[j], self.motion.velocity[k, j] * ratio - self.speed[j]
-            wanted = inertia / constant * BANDWIDTH * (BANDWIDTH * error + 1.6 * rate) + holds[j] / ratio / constant
-            command.append(min(max(float(wanted), -MOST_CURRENT), MOST_CURRENT))
+            wanted = (
+                inertia / constant * POSITION_LOOP_BANDWIDTH * (POSITION_LOOP_BANDWIDTH * error + 1.6 * rate)
+                + holds[j] / ratio / constant
+            )
+            command.append(min(max(float(wanted), -LARGEST_COMMAND), LARGEST_COMMAND))
         return command
 
-    def _acting(self, j: int, after: float) -> float:
+    def _acting_current(self, j: int, after: float) -> float:
         """The mean current, A, over the step whose middle is ``after`` s past the last sample."""
         if self.lagging[j] and not self.delays[j]:
             return self.commands[0][j]  # MuJoCo's filter takes the newest command
         at = after - self.delays[j]
-        age, low = -math.floor((at - 0.5 * STEP) / PERIOD), (at - 0.5 * STEP) % PERIOD
+        age, low = -math.floor((at - 0.5 * ARM_STEP) / PERIOD), (at - 0.5 * ARM_STEP) % PERIOD
         old, new = self.commands[age][j], self.commands[max(age - 1, 0)][j]
-        share = min(max((low + STEP - PERIOD) / STEP, 0.0), 1.0)  # of the step in which the newer command acts
+        share = min(max((low + ARM_STEP - PERIOD) / ARM_STEP, 0.0), 1.0)  # of the step in which the newer command acts
         return old + share * (new - old)
 
-    def _advance(self, k: int, force: list[float], before: list[float]) -> None:
+    def _advance_period(self, k: int, force: list[float], before: list[float]) -> None:
         """Simulate the period after row k under ``force`` on the tip, N; ``before`` acted until row k."""
         m, d = self.model, self.data
         applied, control, loss = d.qfrc_applied, d.ctrl, m.dof_frictionloss
@@ -276,24 +282,24 @@ class _Run:
         late = [j for j in (0, 1) if self.late[j]]
         pushed = any(force) or any(before)
         a1, a2, a3, a4 = self.ahead
-        for n, (i1, i2) in enumerate(zip(self._currents(0), self._currents(1), strict=True)):
+        for n, (i1, i2) in enumerate(zip(self._step_currents(0), self._step_currents(1), strict=True)):
             theta1, theta2, q1, q2 = position.tolist()
             v1, v2, v3, v4 = velocity.tolist()
             w3, w4 = 1.5 * v3 - 0.5 * a3, 1.5 * v4 - 0.5 * a4
-            motor1, level1, tau1 = first.torques(theta1, 1.5 * v1 - 0.5 * a1, q1, w3)
-            motor2, level2, tau2 = second.torques(theta2, 1.5 * v2 - 0.5 * a2, q2, w4)
+            motor1, level1, tau1 = first.compute_torques(theta1, 1.5 * v1 - 0.5 * a1, q1, w3)
+            motor2, level2, tau2 = second.compute_torques(theta2, 1.5 * v2 - 0.5 * a2, q2, w4)
             a1, a2, a3, a4 = v1, v2, v3, v4
             for j in late:
                 self.seen[j].append((q1, q2)[j])
             if loaded[0]:
-                tau1 += first.link_torque(q1, w3, q2, k * PERIOD + n * STEP)
+                tau1 += first.link_torque(q1, w3, q2, k * PERIOD + n * ARM_STEP)
             if loaded[1]:
-                tau2 += second.link_torque(q2, w4, q1, k * PERIOD + n * STEP)
+                tau2 += second.link_torque(q2, w4, q1, k * PERIOD + n * ARM_STEP)
             if pushed:
                 fx, fy = force
                 if n == 0:
                     fx, fy = (0.5 * (old + new) for old, new in zip(before, force, strict=True))
-                add1, add2 = self._push(fx, fy, q1, q2)
+                add1, add2 = self._push_torques(fx, fy, q1, q2)
                 tau1, tau2 = tau1 + add1, tau2 + add2
             applied[:] = (motor1, motor2, tau1, tau2)
             control[0], control[1] = i1, i2
@@ -301,13 +307,13 @@ class _Run:
             mujoco.mj_step(m, d)
         self.ahead = [a1, a2, a3, a4]
 
-    def _currents(self, j: int) -> list[float]:
+    def _step_currents(self, j: int) -> list[float]:
         """The current, A, in each step of a period."""
         if not self.delays[j]:
-            return [self._acting(j, 0.0), *[self.commands[0][j]] * (STEPS - 1)]
-        return [self._acting(j, n * STEP) for n in range(STEPS)]
+            return [self._acting_current(j, 0.0), *[self.commands[0][j]] * (STEPS_PER_SAMPLE - 1)]
+        return [self._acting_current(j, n * ARM_STEP) for n in range(STEPS_PER_SAMPLE)]
 
-    def _push(self, fx: float, fy: float, q1: float, q2: float) -> tuple[float, float]:
+    def _push_torques(self, fx: float, fy: float, q1: float, q2: float) -> tuple[float, float]:
         """Joint torques, N m, of a force on the tip, N."""
         l1, l2 = (joint["length"] for joint in self.world.joints)
         x2, y2 = l2 * math.cos(q1 + q2), l2 * math.sin(q1 + q2)
@@ -323,16 +329,16 @@ class _Run:
         p = self.world.effects[j].get("encoder_eccentricity")
         if not p:
             return q
-        return q + _off_centre(p, q) - _off_centre(p, 0.0)
+        return q + _eccentricity_error(p, q) - _eccentricity_error(p, 0.0)
 
 
-def _off_centre(p: Mapping[str, float], q: float) -> float:
+def _eccentricity_error(p: Mapping[str, float], q: float) -> float:
     """Error of a disc off its centre, rad, from the exact triangle."""
     angle = q + p["phase"]
     return math.atan2(p["share"] * math.sin(angle), 1.0 + p["share"] * math.cos(angle))
 
 
-def _counted(angle: float, resolution: float) -> float:
+def _round_to_counts(angle: float, resolution: float) -> float:
     return round(angle / resolution) * resolution
 
 

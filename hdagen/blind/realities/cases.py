@@ -36,11 +36,11 @@ class Case(Protocol):
     def label(self) -> dict[str, Any]:
         """The truth that is sealed."""
 
-    def true_set(self) -> dict[str, Any] | None:
+    def true_diagnosis(self) -> dict[str, Any] | None:
         """A diagnosis.json that states the truth; None where no diagnosis.json can."""
 
 
-def cases(seed: str, kind: str, count: int) -> tuple[Case, ...]:
+def draw_cases(seed: str, kind: str, count: int) -> tuple[Case, ...]:
     """Draw the first cases of a kind.
 
     Args:
@@ -53,5 +53,5 @@ def cases(seed: str, kind: str, count: int) -> tuple[Case, ...]:
 
     """
     if kind == rigid_joints.KIND:
-        return rigid_joints.cases(seed, count)
-    return two_joint_arms.cases(seed, kind, count)
+        return rigid_joints.draw_joint_cases(seed, count)
+    return two_joint_arms.draw_arm_cases(seed, kind, count)

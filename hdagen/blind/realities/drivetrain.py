@@ -18,9 +18,9 @@ import numpy as np
 
 from hdagen.blind.realities.effect_sizes import UNKNOWN_KINDS
 
-_CELLS = 4096  # number of cells of the spring table
-_ELEMENTS = 8  # number of elements of Maxwell's slip model
-_FULL = 12.0  # c_f τ up to which the spring law holds; beyond it its tangent does (docs/robot.md: law_torque)
+_TABLE_CELLS = 4096  # number of cells of the spring table
+_SLIP_ELEMENTS = 8  # number of elements of Maxwell's slip model
+_LAW_LIMIT = 12.0  # c_f τ up to which the spring law holds; beyond it its tangent does (docs/robot.md: law_torque)
 
 
 class Springs:
@@ -44,16 +44,16 @@ class Springs:
         def compliance(tau: np.ndarray) -> np.ndarray:
             return 1.0 / (k * (1.0 + (c * tau) ** 2)) + np.exp(-cw * tau / ratio) / (ratio**2 * kw)
 
-        last = np.array([_FULL / c])
+        last = np.array([_LAW_LIMIT / c])
         self.end, self.end_torque = float(torsion(last)[0]), float(last[0])
         self.end_stiffness = float(1.0 / compliance(last)[0])
-        phi = np.linspace(0.0, self.end, _CELLS + 1)
+        phi = np.linspace(0.0, self.end, _TABLE_CELLS + 1)
         low, high = np.zeros(phi.size), np.full(phi.size, last[0])
         for _ in range(60):  # bisection: slow, and cannot fail
             middle = 0.5 * (low + high)
             below = torsion(middle) < phi
             low, high = np.where(below, middle, low), np.where(below, high, middle)
-        tau, step = 0.5 * (low + high), self.end / _CELLS
+        tau, step = 0.5 * (low + high), self.end / _TABLE_CELLS
         tau[0] = 0.0
         slope = step / compliance(tau)
         rise = np.diff(tau)
@@ -85,12 +85,12 @@ class Springs:
         return tau
 
 
-class Slip:
+class MaxwellSlip:
     """Generalised Maxwell slip: parallel springs that each slide at a torque of their own, independent of the rate."""
 
     def __init__(self, torque: float, angle: float) -> None:
-        shares = np.arange(1, _ELEMENTS + 1) / _ELEMENTS
-        limits = torque / _ELEMENTS * np.ones(_ELEMENTS)
+        shares = np.arange(1, _SLIP_ELEMENTS + 1) / _SLIP_ELEMENTS
+        limits = torque / _SLIP_ELEMENTS * np.ones(_SLIP_ELEMENTS)
         self.elements = [[0.0, float(f / (2.0 * angle * s)), float(f)] for f, s in zip(limits, shares, strict=True)]
         self.at: float | None = None
 
@@ -131,9 +131,9 @@ class Drivetrain:
         self.level = effects.get("stiffness", {}).get("factor", 1.0)
         self.damping = drive["torsional_damping"] * effects.get("joint_damping", {}).get("factor", 1.0)
         self.gap = effects.get("backlash", {}).get("width", 0.0)
-        self.slip: Slip | None = None
+        self.slip: MaxwellSlip | None = None
         if "transmission_hysteresis" in effects:
-            self.slip = Slip(**effects["transmission_hysteresis"])
+            self.slip = MaxwellSlip(**effects["transmission_hysteresis"])
         self.dry = drive["coulomb_friction"] + effects.get("coulomb_friction", {}).get("torque", 0.0)
         self.viscous = drive["viscous_friction"] + effects.get("viscous_friction", {}).get("coefficient", 0.0)
         constant = drive["torque_constant"] * effects.get("torque_constant", {}).get("factor", 1.0)
@@ -154,7 +154,7 @@ class Drivetrain:
         self.played = 0.0  # rad, output of the play operator
         self.cable, self.unknown = effects.get("cable_spring"), effects.get("unknown")
 
-    def resting(self, q: float, tau: float) -> float:
+    def resting_motor_angle(self, q: float, tau: float) -> float:
         """Find the motor angle at which the springs hold a joint at rest.
 
         Args:
@@ -179,10 +179,10 @@ class Drivetrain:
         theta = self.ratio * (q + phi)
         if self.kinematic:
             for _ in range(20):
-                theta = self.ratio * (q + phi - self._kinematic(theta)[0])
+                theta = self.ratio * (q + phi - self._kinematic_lead(theta)[0])
         return theta
 
-    def torques(self, theta: float, omega: float, q: float, v: float) -> tuple[float, float, float]:
+    def compute_torques(self, theta: float, omega: float, q: float, v: float) -> tuple[float, float, float]:
         """Compute the torques of a step.
 
         Args:
@@ -196,11 +196,11 @@ class Drivetrain:
             torque τ, all in N m.
 
         """
-        lead, slope = self._kinematic(theta)
+        lead, slope = self._kinematic_lead(theta)
         phi = theta / self.ratio - q + lead
         rate = omega * (1.0 / self.ratio + slope) - v
         if self.slip or self.gap:
-            tau = self._transmission(phi, rate)
+            tau = self._transmission_torque(phi, rate)
         else:
             tau = self.level * self.springs.torque(phi) + self.damping * rate
         motor = self.bias - self.viscous * self.cold_share * omega - tau * (1.0 / self.ratio + slope)
@@ -224,7 +224,7 @@ class Drivetrain:
             p = self.asymmetry
             motor -= p["torque"] * abs(omega) / (abs(omega) + p["speed"])
         if self.presliding:
-            motor -= self._bristle(omega, self.presliding["share"] * level)
+            motor -= self._bristle_torque(omega, self.presliding["share"] * level)
             level *= 1.0 - self.presliding["share"]
         return motor, max(level, 0.0), tau
 
@@ -245,7 +245,7 @@ class Drivetrain:
         if self.cable:  # a hose that yields a little as it bends further
             total -= self.cable["stiffness"] * math.sin(0.8 * (q - self.cable["rest"])) / 0.8
         if self.unknown:
-            total += self._unknown(self.unknown, q, v, other, time)
+            total += self._unknown_torque(self.unknown, q, v, other, time)
         return total
 
     def tick(self, period: float) -> None:
@@ -261,7 +261,7 @@ class Drivetrain:
             self.lost = 0.0
             self.cold_share = math.exp(self.warm * math.log1p(-p["drop"]))
 
-    def _kinematic(self, theta: float) -> tuple[float, float]:
+    def _kinematic_lead(self, theta: float) -> tuple[float, float]:
         """Δ(θ), rad, and dΔ/dθ; 0 without a kinematic error."""
         lead = slope = 0.0
         if not self.kinematic:
@@ -272,7 +272,7 @@ class Drivetrain:
             slope += order * self.kinematic[name] * math.cos(angle)
         return lead, slope
 
-    def _transmission(self, phi: float, rate: float) -> float:
+    def _transmission_torque(self, phi: float, rate: float) -> float:
         """Torque of springs, damper and hysteresis, N m, at torsion ``phi``, rad, that changes by ``rate``, rad/s."""
         loop = 0.0
         if self.slip:
@@ -289,7 +289,7 @@ class Drivetrain:
             return loop + min(tau, 0.0)
         return self.level * self.springs.torque(phi) + self.damping * rate + loop
 
-    def _bristle(self, omega: float, level: float) -> float:
+    def _bristle_torque(self, omega: float, level: float) -> float:
         """LuGre: ż = ω − |ω| z/δ, solved over the step; F = level (z/δ + damping · ż/δ), level the sliding friction."""
         assert self.presliding is not None
         angle = self.presliding["angle"]
@@ -301,7 +301,7 @@ class Drivetrain:
         force = (self.bristle + self.presliding["damping"] * 1e-2 * rate) / angle
         return level * min(max(force, -1.0), 1.0)
 
-    def _unknown(self, p: Mapping[str, Any], q: float, v: float, other: float, time: float) -> float:
+    def _unknown_torque(self, p: Mapping[str, Any], q: float, v: float, other: float, time: float) -> float:
         kind = UNKNOWN_KINDS[int(p["kind"])]
         if kind == "product":  # of this joint's speed and the other's angle
             return p["torque"] * v * math.sin(3.0 * other + p["phase"])

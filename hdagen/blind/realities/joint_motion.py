@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 PERIOD = 1e-3  # s
-_SINES = (0.12, 2.0)  # Hz, from slow sweeps over the range to quick reversals
-_COUNT = 7  # number of sines
-_REACH = 1.4  # rad to either side, seldom passed
-_START = 1.0  # s, from rest into the motion
+_SINE_BAND = (0.12, 2.0)  # Hz, from slow sweeps over the range to quick reversals
+_SINE_COUNT = 7  # number of sines
+_USUAL_REACH = 1.4  # rad to either side, seldom passed
+_START_SECONDS = 1.0  # s, from rest into the motion
 
 
 @dataclass(frozen=True, eq=False)
-class Travel:
+class JointMotion:
     """A reference: ``time`` (T,) s; ``position`` (T, J) rad, ``velocity`` rad/s and ``acceleration`` rad/s²."""
 
     time: np.ndarray
@@ -28,7 +28,7 @@ class Travel:
     acceleration: np.ndarray
 
 
-def travel(rng: np.random.Generator, speeds: Sequence[float], seconds: float) -> Travel:
+def draw_joint_motion(rng: np.random.Generator, speeds: Sequence[float], seconds: float) -> JointMotion:
     """Draw sines of about equal speed that start from rest at 0; a longer motion begins with the shorter one.
 
     Args:
@@ -41,24 +41,24 @@ def travel(rng: np.random.Generator, speeds: Sequence[float], seconds: float) ->
 
     """
     time = np.arange(round(seconds / PERIOD)) * PERIOD
-    ramp = np.clip(time / _START, 0.0, 1.0)
+    ramp = np.clip(time / _START_SECONDS, 0.0, 1.0)
     window = ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
     position = np.empty((len(time), len(speeds)))
     for j, speed in enumerate(speeds):
-        frequencies = np.exp(rng.uniform(math.log(_SINES[0]), math.log(_SINES[1]), _COUNT))
+        frequencies = np.exp(rng.uniform(math.log(_SINE_BAND[0]), math.log(_SINE_BAND[1]), _SINE_COUNT))
         pulsation = 2.0 * math.pi * frequencies
-        amplitudes = rng.uniform(0.5, 1.0, _COUNT) / pulsation
-        phases = rng.uniform(0.0, 2.0 * math.pi, _COUNT)
+        amplitudes = rng.uniform(0.5, 1.0, _SINE_COUNT) / pulsation
+        phases = rng.uniform(0.0, 2.0 * math.pi, _SINE_COUNT)
         # sines without a common period seldom pass twice the root of their mean square
         fast = 2.0 * math.sqrt(float(np.sum((amplitudes * pulsation) ** 2)) / 2.0)
         far = 2.0 * math.sqrt(float(np.sum(amplitudes**2)) / 2.0)
-        amplitudes *= min(speed / fast, _REACH / far)
+        amplitudes *= min(speed / fast, _USUAL_REACH / far)
         position[:, j] = window * (np.sin(np.outer(time, pulsation) + phases) @ amplitudes)
     velocity = np.asarray(np.gradient(position, PERIOD, axis=0))
-    return Travel(time, position, velocity, np.asarray(np.gradient(velocity, PERIOD, axis=0)))
+    return JointMotion(time, position, velocity, np.asarray(np.gradient(velocity, PERIOD, axis=0)))
 
 
-def link_torques(
+def compute_link_torques(
     joints: Sequence[Mapping[str, float]],
     gravity: tuple[float, float],
     q: np.ndarray,

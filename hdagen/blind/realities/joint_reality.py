@@ -14,19 +14,22 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from hdagen.blind.realities.joint_motion import PERIOD, Travel, link_torques
-from hdagen.blind.realities.random_streams import stream
-from hdagen.blind.realities.rigid_joints import LOOP, JointCase, Nameless
+from hdagen.blind.realities.joint_motion import PERIOD, JointMotion, compute_link_torques
+from hdagen.blind.realities.random_streams import seeded_generator
+from hdagen.blind.realities.rigid_joints import CONTROLLER_RATE, JointCase, NamelessTorque
 
-STEPS = 5  # per PERIOD
-STEP = PERIOD / STEPS
-_BANDWIDTH, _SHARE = 30.0, 0.25  # largest bandwidth of the position loop: rad/s, and share of the loop's rate, Hz
-_DAMPING = 0.8  # damping ratio of the position loop
-_FILTER = 4.0  # cutoff of the speed filter, in multiples of the bandwidth
-_ALMOST_ONE = 0.9999  # MuJoCo's hardest impedance
+STEPS_PER_PERIOD = 5  # per PERIOD
+JOINT_STEP = PERIOD / STEPS_PER_PERIOD
+_LARGEST_BANDWIDTH, _BANDWIDTH_SHARE = (
+    30.0,
+    0.25,
+)  # largest bandwidth of the position loop: rad/s, and share of the loop's rate, Hz
+_LOOP_DAMPING = 0.8  # damping ratio of the position loop
+_SPEED_FILTER_RATIO = 4.0  # cutoff of the speed filter, in multiples of the bandwidth
+_HARDEST_IMPEDANCE = 0.9999  # MuJoCo's hardest impedance
 
 
-def make(case: JointCase, which: str, seconds: float) -> dict[str, np.ndarray]:
+def make_joint_log(case: JointCase, which: str, seconds: float) -> dict[str, np.ndarray]:
     """Simulate a motion of a case.
 
     Args:
@@ -38,13 +41,16 @@ def make(case: JointCase, which: str, seconds: float) -> dict[str, np.ndarray]:
         The log: columns (T,) of docs/log.md by name.
 
     """
-    motion = case.motion(which, seconds)
-    return _Run(case, motion, stream(str(case.seed), "noise", which)).log()
+    motion = case.draw_motion(which, seconds)
+    return _JointSimulation(case, motion, seeded_generator(str(case.seed), "noise", which)).simulate_log()
 
 
-def _model(case: JointCase, joints: Sequence[Mapping[str, float]]) -> Any:
+def _build_model(case: JointCase, joints: Sequence[Mapping[str, float]]) -> Any:
     """The MuJoCo model of the true links."""
-    dry = f'solreffriction="{2 * STEP} 1" solimpfriction="{_ALMOST_ONE} {_ALMOST_ONE} 0.001 0.5 2" frictionloss="1e-3"'
+    dry = (
+        f'solreffriction="{2 * JOINT_STEP} 1" solimpfriction="{_HARDEST_IMPEDANCE} {_HARDEST_IMPEDANCE} 0.001 0.5 2"'
+        ' frictionloss="1e-3"'
+    )
     at, bodies = 0.0, []
     for j, joint in enumerate(joints):
         own, rotor = joint["inertia"], joint["motor_inertia"] * joint["ratio"] ** 2
@@ -58,13 +64,13 @@ def _model(case: JointCase, joints: Sequence[Mapping[str, float]]) -> Any:
     gx, gy = case.robot.gravity
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco>
-        <option timestep="{STEP}" integrator="Euler" gravity="{gx!r} {gy!r} 0" solver="Newton" tolerance="1e-12">
+        <option timestep="{JOINT_STEP}" integrator="Euler" gravity="{gx!r} {gy!r} 0" solver="Newton" tolerance="1e-12">
           <flag eulerdamp="disable"/></option>
         <worldbody>{body}</worldbody></mujoco>"""
     )
 
 
-def wandering(rng: np.random.Generator, nameless: Nameless, count: int) -> np.ndarray:
+def draw_wandering_torque(rng: np.random.Generator, nameless: NamelessTorque, count: int) -> np.ndarray:
     """Draw a random torque of the stated rms and correlation time.
 
     Args:
@@ -92,29 +98,31 @@ def _input_gains(case: JointCase, joints: Sequence[Mapping[str, float]]) -> list
     return [joint["ratio"] for joint in joints]
 
 
-class _Run:
+class _JointSimulation:
     """One simulation: MuJoCo's state, the controller, and the rows so far."""
 
-    def __init__(self, case: JointCase, motion: Travel, rng: np.random.Generator) -> None:
+    def __init__(self, case: JointCase, motion: JointMotion, rng: np.random.Generator) -> None:
         self.case, self.motion, self.rng = case, motion, rng
         nominal = case.robot.joints
         self.true = case.true_joints()
         self.every = 1000 // case.rate  # PERIODs per row
-        self.hold = 1000 // LOOP  # PERIODs for which a command is held
+        self.hold = 1000 // CONTROLLER_RATE  # PERIODs for which a command is held
         if case.commanded:
             self.hold = self.every
-        self.model = _model(case, self.true)
+        self.model = _build_model(case, self.true)
         self.data = mujoco.MjData(self.model)
-        self.wander = np.column_stack([wandering(rng, one, len(motion.time)) for one in case.nameless])
-        self.ahead = link_torques(nominal, case.robot.gravity, motion.position, motion.velocity, motion.acceleration)
+        self.wander = np.column_stack([draw_wandering_torque(rng, one, len(motion.time)) for one in case.nameless])
+        self.ahead = compute_link_torques(
+            nominal, case.robot.gravity, motion.position, motion.velocity, motion.acceleration
+        )
         frequency = 1000.0 / self.hold
-        self.bandwidth = min(_BANDWIDTH, _SHARE * frequency)
+        self.bandwidth = min(_LARGEST_BANDWIDTH, _BANDWIDTH_SHARE * frequency)
         at_rest, still = np.zeros((1, len(nominal))), np.eye(len(nominal))
         self.inertia = [
-            float(link_torques(nominal, (0.0, 0.0), at_rest, at_rest, still[j : j + 1])[0, j])
+            float(compute_link_torques(nominal, (0.0, 0.0), at_rest, at_rest, still[j : j + 1])[0, j])
             for j in range(len(nominal))
         ]
-        self.filter = 1.0 - math.exp(-_FILTER * self.bandwidth / frequency)
+        self.filter = 1.0 - math.exp(-_SPEED_FILTER_RATIO * self.bandwidth / frequency)
         self.scale = [1.0] * len(nominal)  # angle at the encoder per angle of the joint
         if case.robot.encoder == "motor":
             self.scale = [joint["ratio"] for joint in nominal]
@@ -124,17 +132,17 @@ class _Run:
         self.input = [float(t) / g for t, g in zip(self.ahead[0], self.gain_known, strict=True)]
         self.before = [0.0] * len(nominal)
 
-    def log(self) -> dict[str, np.ndarray]:
+    def simulate_log(self) -> dict[str, np.ndarray]:
         """Simulate the whole motion; return the log's columns by name."""
         case, rows = self.case, []
         for k in range(len(self.motion.time)):
-            acted, read = list(self.input), self._read()
+            acted, read = list(self.input), self._read_encoders()
             if k % self.hold == 0:
-                self._control(k, read)
+                self._control_joints(k, read)
             if k % self.every == 0:
                 noise = [j["input_noise"] * float(self.rng.standard_normal()) for j in case.robot.joints]
                 rows.append([list(self.input), [a + n for a, n in zip(acted, noise, strict=True)], read])
-            self._advance(k, acted)
+            self._advance_period(k, acted)
         table = np.array(rows)
         quantity = ("motor_torque", "motor_current")[case.robot.current]
         names = [f"{quantity}_command", quantity, f"{case.robot.encoder}_position"]
@@ -146,7 +154,7 @@ class _Run:
                     columns[f"{name}_{j + 1}"] = np.ascontiguousarray(table[:, at, j])
         return columns
 
-    def _read(self) -> list[float]:
+    def _read_encoders(self) -> list[float]:
         """Read the encoders, rad."""
         read = []
         for j, joint in enumerate(self.case.robot.joints):
@@ -156,7 +164,7 @@ class _Run:
             read.append(round(angle / joint["resolution"]) * joint["resolution"])
         return read
 
-    def _control(self, k: int, read: list[float]) -> None:
+    def _control_joints(self, k: int, read: list[float]) -> None:
         """Set the input: the torque of the robot file's links along the reference, and a position loop on encoders."""
         seen, self.seen = self.seen or read, read
         for j, scale in enumerate(self.scale):
@@ -164,16 +172,16 @@ class _Run:
             self.speed[j] += self.filter * (rate - self.speed[j])
             error = float(self.motion.position[k, j]) - read[j] / scale
             slip = float(self.motion.velocity[k, j]) - self.speed[j]
-            wanted = self.bandwidth * (self.bandwidth * error + 2.0 * _DAMPING * slip)
+            wanted = self.bandwidth * (self.bandwidth * error + 2.0 * _LOOP_DAMPING * slip)
             self.input[j] = (float(self.ahead[k, j]) + self.inertia[j] * wanted) / self.gain_known[j]
 
-    def _advance(self, k: int, acted: list[float]) -> None:
+    def _advance_period(self, k: int, acted: list[float]) -> None:
         """Simulate a PERIOD; in its first step an input that jumps has the mean of before and after."""
         m, d = self.model, self.data
         drive = [i * g for i, g in zip(self.input, self.gain, strict=True)]
         first = [0.5 * (i * g + new) for i, g, new in zip(acted, self.gain, drive, strict=True)]
         wander = self.wander[k].tolist()
-        for n in range(STEPS):
+        for n in range(STEPS_PER_PERIOD):
             torques = drive if n else first
             angles, speeds = d.qpos.tolist(), d.qvel.tolist()
             for j, (friction, nameless) in enumerate(zip(self.case.friction, self.case.nameless, strict=True)):

@@ -18,25 +18,25 @@ from typing import Any
 import numpy as np
 
 from hdagen.blind.realities import joint_reality
-from hdagen.blind.realities.arm_motion import Motion, circle, rich
-from hdagen.blind.realities.arm_reality import MOST_CURRENT, World, simulate
-from hdagen.blind.realities.cases import cases
+from hdagen.blind.realities.arm_motion import Motion, draw_circle_motion, draw_rich_motion
+from hdagen.blind.realities.arm_reality import LARGEST_COMMAND, ArmWorld, simulate_world
+from hdagen.blind.realities.cases import draw_cases
 from hdagen.blind.realities.rigid_joints import JointCase
-from hdagen.blind.realities.two_joint_arms import ArmCase, TwoJointArm, parameters, scattered
+from hdagen.blind.realities.two_joint_arms import ArmCase, TwoJointArm, draw_effect_parameters, draw_true_parameters
 from hdagen.log.measured_log import write
 
 JointEffects = dict[str, dict[str, float]]  # parameters by effect
-Parameters = dict[tuple[str, int], dict[str, float]]  # parameters by effect and joint
-CHANNELS = {
+EffectParameters = dict[tuple[str, int], dict[str, float]]  # parameters by effect and joint
+CHANNEL_NOISE_KEYS = {
     "motor_current": "current_noise",
     "motor_position": "motor_encoder_resolution",
     "joint_position": "joint_encoder_resolution",
 }
 
 
-def make(
-    case: ArmCase, motion: str, seconds: float, found: Parameters | None
-) -> tuple[dict[str, np.ndarray], Parameters, float]:
+def make_arm_log(
+    case: ArmCase, motion: str, seconds: float, found: EffectParameters | None
+) -> tuple[dict[str, np.ndarray], EffectParameters, float]:
     """Make a log of a case.
 
     Args:
@@ -50,52 +50,52 @@ def make(
         effects (0 where the parameters were given).
 
     """
-    robot, path = case.robot, _motion(case, motion, seconds)
+    robot, path = case.robot, _draw_motion(case, motion, seconds)
     seed = case.seed ^ (motion == "hold_out")
     if found is not None:
-        return simulate(_world(case, found), robot.joints, path, seed), found, 0.0
-    ends = _ends(path)
+        return simulate_world(_make_world(case, found), robot.joints, path, seed), found, 0.0
+    ends = _motion_limits(path)
     without = None
     if case.truth:
         named = {(one.effect, one.joint) for one in case.truth}
-        quiet = {key: value for key, value in parameters(case, ends).items() if key not in named}
-        without = simulate(_world(case, quiet), robot.joints, path, seed)
+        quiet = {key: value for key, value in draw_effect_parameters(case, ends).items() if key not in named}
+        without = simulate_world(_make_world(case, quiet), robot.joints, path, seed)
         ends = {j: {**ends[j], "peak": float(np.abs(without[f"motor_current_command_{j}"]).max())} for j in ends}
-    found = parameters(case, ends)
-    log, snr = simulate(_world(case, found), robot.joints, path, seed), 0.0
+    found = draw_effect_parameters(case, ends)
+    log, snr = simulate_world(_make_world(case, found), robot.joints, path, seed), 0.0
     if without:
-        snr = _snr(log, without, robot)
+        snr = _signal_to_noise(log, without, robot)
     return log, found, snr
 
 
-def _motion(case: ArmCase, motion: str, seconds: float) -> Motion:
+def _draw_motion(case: ArmCase, motion: str, seconds: float) -> Motion:
     seed = case.seed // 3 + (motion == "hold_out")
     if case.kind == "task":
         first, second = case.robot.joints
-        return circle(seed, (first["length"], second["length"]), seconds)
-    return rich(seed, seconds)
+        return draw_circle_motion(seed, (first["length"], second["length"]), seconds)
+    return draw_rich_motion(seed, seconds)
 
 
-def _world(case: ArmCase, found: Parameters) -> World:
+def _make_world(case: ArmCase, found: EffectParameters) -> ArmWorld:
     arm, first, second = JointEffects(), JointEffects(), JointEffects()
     for (effect, joint), p in found.items():
         (arm, first, second)[joint][effect] = p
-    return World(scattered(case.robot, case.seed), [first, second], arm, case.robot.gravity)
+    return ArmWorld(draw_true_parameters(case.robot, case.seed), [first, second], arm, case.robot.gravity)
 
 
-def _ends(path: Motion) -> dict[int, dict[str, float]]:
+def _motion_limits(path: Motion) -> dict[int, dict[str, float]]:
     """The angles that the motion reaches at each joint, rad, and the controller's largest command, A."""
     reached = zip(path.position.min(axis=0), path.position.max(axis=0), strict=True)
     return {
-        j: {"peak": MOST_CURRENT, "lowest": float(low), "highest": float(high)}
+        j: {"peak": LARGEST_COMMAND, "lowest": float(low), "highest": float(high)}
         for j, (low, high) in enumerate(reached, 1)
     }
 
 
-def _snr(log: Mapping[str, np.ndarray], without: Mapping[str, np.ndarray], robot: TwoJointArm) -> float:
+def _signal_to_noise(log: Mapping[str, np.ndarray], without: Mapping[str, np.ndarray], robot: TwoJointArm) -> float:
     """The change that the effects make, rms, in multiples of the channel's noise; the largest of all channels."""
     found = []
-    for channel, key in CHANNELS.items():
+    for channel, key in CHANNEL_NOISE_KEYS.items():
         for j, joint in enumerate(robot.joints, 1):
             noise = joint[key]
             if key != "current_noise":  # an encoder rounds to its resolution
@@ -105,7 +105,7 @@ def _snr(log: Mapping[str, np.ndarray], without: Mapping[str, np.ndarray], robot
     return max(found)
 
 
-def packed(found: Parameters) -> dict[str, dict[str, float]]:
+def pack_parameters(found: EffectParameters) -> dict[str, dict[str, float]]:
     """Key parameters by name@joint, as JSON needs it.
 
     Args:
@@ -118,8 +118,8 @@ def packed(found: Parameters) -> dict[str, dict[str, float]]:
     return {f"{effect}@{joint}": p for (effect, joint), p in found.items()}
 
 
-def unpacked(found: Mapping[str, Mapping[str, float]]) -> Parameters:
-    """Undo `packed`.
+def unpack_parameters(found: Mapping[str, Mapping[str, float]]) -> EffectParameters:
+    """Undo `pack_parameters`.
 
     Args:
         found: parameters by name@joint.
@@ -134,17 +134,17 @@ def unpacked(found: Mapping[str, Mapping[str, float]]) -> Parameters:
 def main() -> None:
     """Answer one request."""
     request: dict[str, Any] = json.load(sys.stdin)
-    case = cases(request["seed"], request["kind"], request["index"] + 1)[-1]
+    case = draw_cases(request["seed"], request["kind"], request["index"] + 1)[-1]
     if isinstance(case, JointCase):
-        log = joint_reality.make(case, request["motion"], request["seconds"])
-        told = {"snr": case.snr(), "parameters": case.parameters()}
+        log = joint_reality.make_joint_log(case, request["motion"], request["seconds"])
+        told = {"snr": case.snr(), "parameters": case.friction_parameters()}
     else:
         assert isinstance(case, ArmCase)
         known = None
         if request.get("truth") is not None:
-            known = unpacked(request["truth"])
-        log, found, snr = make(case, request["motion"], request["seconds"], known)
-        told = {"snr": snr, "parameters": packed(found)}
+            known = unpack_parameters(request["truth"])
+        log, found, snr = make_arm_log(case, request["motion"], request["seconds"], known)
+        told = {"snr": snr, "parameters": pack_parameters(found)}
     write(log, request["out"])
     json.dump(told, sys.stdout)
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 
-def stream(seed: str, *purpose: object) -> np.random.Generator:
+def seeded_generator(seed: str, *purpose: object) -> np.random.Generator:
     """Make a random generator for one purpose.
 
     Args:
@@ -19,10 +19,10 @@ def stream(seed: str, *purpose: object) -> np.random.Generator:
         A generator that depends on ``seed`` and ``purpose`` alone.
 
     """
-    return np.random.default_rng(int.from_bytes(digest(seed, *purpose), "big"))
+    return np.random.default_rng(int.from_bytes(purpose_digest(seed, *purpose), "big"))
 
 
-def digest(seed: str, *purpose: object) -> bytes:
+def purpose_digest(seed: str, *purpose: object) -> bytes:
     """Hash a seed and a purpose; names made of the hash reveal neither.
 
     Args:
@@ -36,7 +36,7 @@ def digest(seed: str, *purpose: object) -> bytes:
     return hashlib.sha256("\0".join([seed, *map(str, purpose)]).encode()).digest()
 
 
-def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+def draw_log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """Draw a number whose logarithm is uniform.
 
     Args:

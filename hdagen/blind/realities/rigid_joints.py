@@ -14,20 +14,20 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from hdagen.blind.realities.joint_motion import Travel, link_torques, travel
-from hdagen.blind.realities.random_streams import digest, log_uniform, stream
+from hdagen.blind.realities.joint_motion import JointMotion, compute_link_torques, draw_joint_motion
+from hdagen.blind.realities.random_streams import draw_log_uniform, purpose_digest, seeded_generator
 
 KIND = "joint"
-LENGTH = 24.0  # s of the log's motion, over which friction is drawn and its best linear size is fitted
-RATES = (50, 100, 200, 500, 1000)  # Hz, of logs
-LOOP = 1000  # Hz, of a controller whose commands are not logged
+SIZING_SECONDS = 24.0  # s of the log's motion, over which friction is drawn and its best linear size is fitted
+LOG_RATES = (50, 100, 200, 500, 1000)  # Hz, of logs
+CONTROLLER_RATE = 1000  # Hz, of a controller whose commands are not logged
 TOLERANCE = 0.05  # relative standard deviation that the robot file states
-FURTHEST = 2.5  # largest deviation of a true parameter, in standard deviations
-SCATTERED = ("mass", "center_of_mass", "inertia", "motor_inertia", "torque_constant")
-FRICTION = ("coulomb_friction", "viscous_friction")
-REQUIRED = 0.25  # share of a joint's friction at its usual speed from which a term has to be named
-NAMELESS = 0.1  # largest torque without a name, as a share of the friction, both rms
-_MOVING = 1e-3  # rad/s; a slower joint stands
+MOST_DEVIATIONS = 2.5  # largest deviation of a true parameter, in standard deviations
+SCATTERED_JOINT_PARAMETERS = ("mass", "center_of_mass", "inertia", "motor_inertia", "torque_constant")
+FRICTION_EFFECTS = ("coulomb_friction", "viscous_friction")
+REQUIRED_SHARE = 0.25  # share of a joint's friction at its usual speed from which a term has to be named
+LARGEST_NAMELESS_SHARE = 0.1  # largest torque without a name, as a share of the friction, both rms
+_STANDSTILL_SPEED = 1e-3  # rad/s; a slower joint stands
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Friction:
         """
         return np.asarray(np.sign(v) * (self.coulomb + self.viscous * (np.abs(v) / self.speed) ** self.exponent))
 
-    def linear(self, v: np.ndarray) -> tuple[float, float]:
+    def fit_linear(self, v: np.ndarray) -> tuple[float, float]:
         """Fit Coulomb and viscous friction to the true friction by least squares.
 
         Args:
@@ -67,7 +67,7 @@ class Friction:
 
 
 @dataclass(frozen=True)
-class Nameless:
+class NamelessTorque:
     """Torque at a joint that no effect describes. ``wander``: rms of a slow random torque with correlation ``time``, s;
     ``ripple`` with ``order`` periods a turn and ``phase``; ``varying``: amplitude of the friction's relative change
     with the angle, at ``waves`` rad per rad."""
@@ -97,7 +97,7 @@ class JointRobot:
         document = tomlkit.document()
         document.update({"name": self.name, "gravity": list(self.gravity), "tolerance": TOLERANCE})
         tables = tomlkit.aot()
-        drive = ["ratio", "motor_inertia", *FRICTION]
+        drive = ["ratio", "motor_inertia", *FRICTION_EFFECTS]
         if self.current:
             drive.insert(2, "torque_constant")
         for joint in self.joints:
@@ -132,14 +132,14 @@ class JointCase:
     rate: int
     commanded: bool
     friction: tuple[Friction, ...]
-    nameless: tuple[Nameless, ...]
+    nameless: tuple[NamelessTorque, ...]
     speeds: tuple[float, ...]
     scatter: float
     jitter: float
     seed: int
     kind: str = KIND
 
-    def motion(self, which: str, seconds: float) -> Travel:
+    def draw_motion(self, which: str, seconds: float) -> JointMotion:
         """Draw the motion of the log or of the hold-out.
 
         Args:
@@ -150,29 +150,39 @@ class JointCase:
             The reference of all joints.
 
         """
-        return travel(stream(str(self.seed), "motion", which), self.speeds, seconds)
+        return draw_joint_motion(seeded_generator(str(self.seed), "motion", which), self.speeds, seconds)
 
     def true_joints(self) -> list[dict[str, float]]:
         """The true base parameters, a joint each."""
-        rng = stream(str(self.seed), "base")
+        rng = seeded_generator(str(self.seed), "base")
         true = []
         for joint in self.robot.joints:
-            off = np.clip(rng.standard_normal(len(SCATTERED)), -FURTHEST, FURTHEST) * self.scatter
-            true.append({**joint, **{k: joint[k] * (1.0 + float(d)) for k, d in zip(SCATTERED, off, strict=True)}})
+            off = (
+                np.clip(rng.standard_normal(len(SCATTERED_JOINT_PARAMETERS)), -MOST_DEVIATIONS, MOST_DEVIATIONS)
+                * self.scatter
+            )
+            true.append(
+                {
+                    **joint,
+                    **{k: joint[k] * (1.0 + float(d)) for k, d in zip(SCATTERED_JOINT_PARAMETERS, off, strict=True)},
+                }
+            )
         return true
 
-    def parameters(self) -> dict[str, dict[str, float]]:
+    def friction_parameters(self) -> dict[str, dict[str, float]]:
         """Parameters of each term of friction by effect@joint, at the motor: ``level`` of the best linear friction,
         ``alone`` with the other term as in the robot file, and ``share`` of the joint's friction at its usual speed."""
         found = {}
-        for j, (joint, friction, v) in enumerate(zip(self.robot.joints, self.friction, self._speeds(), strict=True), 1):
-            level, coefficient = friction.linear(v)
+        for j, (joint, friction, v) in enumerate(
+            zip(self.robot.joints, self.friction, self._moving_speeds(), strict=True), 1
+        ):
+            level, coefficient = friction.fit_linear(v)
             rms = float(np.sqrt(np.mean(v**2)))
             shares = np.abs([level, coefficient * rms]) / (abs(level) + abs(coefficient) * rms)
             columns = np.sign(v) * joint["ratio"], v * joint["ratio"] ** 2
             torque = friction.torque(v)
-            for k, name in enumerate(FRICTION):
-                own, left = columns[k], torque - columns[1 - k] * joint[FRICTION[1 - k]]
+            for k, name in enumerate(FRICTION_EFFECTS):
+                own, left = columns[k], torque - columns[1 - k] * joint[FRICTION_EFFECTS[1 - k]]
                 found[f"{name}@{j}"] = {
                     "level": (level / joint["ratio"], coefficient / joint["ratio"] ** 2)[k],
                     "alone": float(own @ left / (own @ own)),
@@ -183,7 +193,7 @@ class JointCase:
     def snr(self) -> float:
         """Ratio of the friction that the robot file lacks to the noise of the input, rms; the largest of all joints."""
         found = []
-        for joint, friction, v in zip(self.robot.joints, self.friction, self._speeds(), strict=True):
+        for joint, friction, v in zip(self.robot.joints, self.friction, self._moving_speeds(), strict=True):
             stated = joint["coulomb_friction"] * np.sign(v) + joint["viscous_friction"] * joint["ratio"] * v
             lacking = friction.torque(v) / joint["ratio"] - stated
             noise = joint["input_noise"]
@@ -192,51 +202,51 @@ class JointCase:
             found.append(float(np.sqrt(np.mean(lacking**2))) / noise)
         return max(found)
 
-    def _speeds(self) -> list[np.ndarray]:
+    def _moving_speeds(self) -> list[np.ndarray]:
         """Speeds at which each joint moves in the log."""
-        return _moving(self.motion("log", LENGTH))
+        return _select_moving_speeds(self.draw_motion("log", SIZING_SECONDS))
 
     def label(self) -> dict[str, Any]:
         """The truth that is sealed: ``optional`` effects may be named or not, ``sizes`` are levels at the motor."""
-        found = self.parameters()
-        required = [name for name, p in found.items() if p["share"] >= REQUIRED]
+        found = self.friction_parameters()
+        required = [name for name, p in found.items() if p["share"] >= REQUIRED_SHARE]
         optional = [name for name in found if name not in required]
         return {
             "kind": self.kind,
             "verdict": required,
             "optional": optional,
             "sizes": [found[name]["level"] for name in (*required, *optional)],
-            "background": max(map(_nameless_share, self.friction, self.nameless, self._speeds())),
+            "background": max(map(_nameless_share, self.friction, self.nameless, self._moving_speeds())),
             "joints": [asdict(f) | asdict(n) for f, n in zip(self.friction, self.nameless, strict=True)],
             "seed": self.seed,
         }
 
-    def true_set(self) -> dict[str, Any]:
+    def true_diagnosis(self) -> dict[str, Any]:
         """A diagnosis.json with the best linear friction and the true base parameters."""
-        found = self.parameters()
+        found = self.friction_parameters()
         causes = []
         for name, p in found.items():
             effect, _, j = name.partition("@")
             value = {effect: {"value": max(p["level"], 0.0)}}
             causes.append({"effect": effect, "joint": int(j), "parameters": value})
-        base = SCATTERED if self.robot.current else SCATTERED[:-1]
+        base = SCATTERED_JOINT_PARAMETERS if self.robot.current else SCATTERED_JOINT_PARAMETERS[:-1]
         numbers = {f"{key}_{j}": joint[key] for j, joint in enumerate(self.true_joints(), 1) for key in base}
         return {"schema": 1, "verdict": list(found), "causes": causes, "parameters": numbers}
 
 
-def _moving(motion: Travel) -> list[np.ndarray]:
+def _select_moving_speeds(motion: JointMotion) -> list[np.ndarray]:
     """Speeds of each joint at the instants at which it moves."""
-    return [v[np.abs(v) > _MOVING] for v in motion.velocity.T]
+    return [v[np.abs(v) > _STANDSTILL_SPEED] for v in motion.velocity.T]
 
 
-def _nameless_share(friction: Friction, nameless: Nameless, v: np.ndarray) -> float:
+def _nameless_share(friction: Friction, nameless: NamelessTorque, v: np.ndarray) -> float:
     """Ratio of the torque without a name to the friction, both rms."""
     usual = float(np.sqrt(np.mean(friction.torque(v) ** 2)))
     squares = (nameless.wander / usual) ** 2 + 0.5 * (nameless.ripple / usual) ** 2 + 0.5 * nameless.varying**2
     return math.sqrt(squares)
 
 
-def cases(seed: str, count: int) -> tuple[JointCase, ...]:
+def draw_joint_cases(seed: str, count: int) -> tuple[JointCase, ...]:
     """Draw the first cases.
 
     Args:
@@ -247,76 +257,78 @@ def cases(seed: str, count: int) -> tuple[JointCase, ...]:
         The cases, in an order that the seed decides; a larger ``count`` appends to them.
 
     """
-    return tuple(_case(seed, index) for index in range(count))
+    return tuple(_draw_case(seed, index) for index in range(count))
 
 
-def _case(seed: str, index: int) -> JointCase:
-    rng = stream(seed, KIND, index)
+def _draw_case(seed: str, index: int) -> JointCase:
+    rng = seeded_generator(seed, KIND, index)
     count = int(rng.integers(1, 3))
     gravity = (0.0, float(rng.choice([0.0, -9.81])))
-    rate = int(rng.choice(RATES))
+    rate = int(rng.choice(LOG_RATES))
     current = bool(rng.integers(2))
     commanded = current or bool(rng.random() < 1 / 3)
     encoder = str(rng.choice(["motor", "joint"]))
-    speeds = tuple(log_uniform(rng, 0.8, 4.0) for _ in range(count))
+    speeds = tuple(draw_log_uniform(rng, 0.8, 4.0) for _ in range(count))
     seed_of_case = int(rng.integers(2**62))
-    motion = travel(stream(str(seed_of_case), "motion", "log"), speeds, LENGTH)
-    moving = _moving(motion)
-    links = _links(rng, count)
-    asked = link_torques(links, gravity, motion.position, motion.velocity, motion.acceleration)
+    motion = draw_joint_motion(seeded_generator(str(seed_of_case), "motion", "log"), speeds, SIZING_SECONDS)
+    moving = _select_moving_speeds(motion)
+    links = _draw_links(rng, count)
+    asked = compute_link_torques(links, gravity, motion.position, motion.velocity, motion.acceleration)
     usual = np.sqrt(np.mean(asked**2, axis=0))
-    friction = tuple(_friction(rng, float(t), v) for t, v in zip(usual, moving, strict=True))
-    nameless = tuple(_nameless(rng, f, v) for f, v in zip(friction, moving, strict=True))
+    friction = tuple(_draw_friction(rng, float(t), v) for t, v in zip(usual, moving, strict=True))
+    nameless = tuple(_draw_nameless_torque(rng, f, v) for f, v in zip(friction, moving, strict=True))
     known = 0.0  # share of the friction that the robot file states
     if rng.random() < 1 / 3:
         known = 0.5
     joints = [
-        {**link, **_drive(rng, link, f, float(t), v, known), **_sensor(rng, encoder, link["ratio"])}
+        {**link, **_draw_drive(rng, link, f, float(t), v, known), **_draw_sensor(rng, encoder, link["ratio"])}
         for link, f, t, v in zip(links, friction, usual, moving, strict=True)
     ]
     scatter, jitter = float(rng.uniform(0.02, 0.04)), float(rng.uniform(0.0, 50e-6))
-    robot = JointRobot(f"joint-{digest(seed, 'robot', index).hex()[:10]}", gravity, tuple(joints), encoder, current)
-    name = digest(seed, KIND, index, "name").hex()[:16]
+    robot = JointRobot(
+        f"joint-{purpose_digest(seed, 'robot', index).hex()[:10]}", gravity, tuple(joints), encoder, current
+    )
+    name = purpose_digest(seed, KIND, index, "name").hex()[:16]
     return JointCase(name, robot, rate, commanded, friction, nameless, speeds, scatter, jitter, seed_of_case)
 
 
-def _links(rng: np.random.Generator, count: int) -> list[dict[str, float]]:
+def _draw_links(rng: np.random.Generator, count: int) -> list[dict[str, float]]:
     """Draw links from those of a light leg to those of a welding robot, and rotors of up to the same inertia at the
     joint; a quarter of the drives have no gear."""
     links: list[dict[str, float]] = []
-    mass = log_uniform(rng, 1.0, 12.0)
+    mass = draw_log_uniform(rng, 1.0, 12.0)
     for _ in range(count):
         length = float(rng.uniform(0.2, 0.5))
         center = length * float(rng.uniform(0.3, 0.6))
         own = mass * length**2 * float(rng.uniform(0.06, 0.12))
         ratio = 1.0
         if rng.random() >= 0.25:
-            ratio = _rounded(log_uniform(rng, 1.0, 100.0), 3)
+            ratio = _round_digits(draw_log_uniform(rng, 1.0, 100.0), 3)
         about = own + mass * center**2
         stated = {"length": length, "mass": mass, "center_of_mass": center, "inertia": own}
-        stated["motor_inertia"] = about * log_uniform(rng, 0.1, 1.0) / ratio**2
-        links.append({**{key: _rounded(value) for key, value in stated.items()}, "ratio": ratio})
+        stated["motor_inertia"] = about * draw_log_uniform(rng, 0.1, 1.0) / ratio**2
+        links.append({**{key: _round_digits(value) for key, value in stated.items()}, "ratio": ratio})
         mass *= float(rng.uniform(0.4, 0.7))
     return links
 
 
-def _friction(rng: np.random.Generator, usual: float, v: np.ndarray) -> Friction:
+def _draw_friction(rng: np.random.Generator, usual: float, v: np.ndarray) -> Friction:
     """Draw friction between a fifth of the ``usual`` torque of the motion and all of it, rms."""
     speed = float(np.sqrt(np.mean(v**2)))
     dry = float(rng.uniform(0.1, 0.9))
     one = Friction(dry, 1.0 - dry, float(rng.uniform(0.8, 1.2)), speed)
-    size = usual * log_uniform(rng, 0.2, 1.0) / float(np.sqrt(np.mean(one.torque(v) ** 2)))
+    size = usual * draw_log_uniform(rng, 0.2, 1.0) / float(np.sqrt(np.mean(one.torque(v) ** 2)))
     return Friction(size * dry, size * (1.0 - dry), one.exponent, speed)
 
 
-def _nameless(rng: np.random.Generator, friction: Friction, v: np.ndarray) -> Nameless:
+def _draw_nameless_torque(rng: np.random.Generator, friction: Friction, v: np.ndarray) -> NamelessTorque:
     """Draw torque of up to a tenth of the friction, shared at random among wandering, ripple and varying friction."""
     usual = float(np.sqrt(np.mean(friction.torque(v) ** 2)))
-    wander, ripple, varying = np.sqrt(rng.dirichlet([1.0, 1.0, 1.0])) * rng.uniform(0.0, NAMELESS)
-    order = log_uniform(rng, 5.0, 120.0)
-    return Nameless(
+    wander, ripple, varying = np.sqrt(rng.dirichlet([1.0, 1.0, 1.0])) * rng.uniform(0.0, LARGEST_NAMELESS_SHARE)
+    order = draw_log_uniform(rng, 5.0, 120.0)
+    return NamelessTorque(
         wander=float(wander) * usual,
-        time=log_uniform(rng, 0.1, 2.0),
+        time=draw_log_uniform(rng, 0.1, 2.0),
         ripple=math.sqrt(2.0) * float(ripple) * usual,
         order=math.floor(order) + float(rng.uniform(0.2, 0.8)),
         phase=float(rng.uniform(-math.pi, math.pi)),
@@ -325,30 +337,30 @@ def _nameless(rng: np.random.Generator, friction: Friction, v: np.ndarray) -> Na
     )
 
 
-def _drive(
+def _draw_drive(
     rng: np.random.Generator, link: Mapping[str, float], friction: Friction, usual: float, v: np.ndarray, known: float
 ) -> dict[str, float]:
     """Draw a drive of the robot file: the ``known`` share of its friction, at the motor; and the noise of its input, A
     or N m, which is small beside the input that the motion needs."""
     ratio = link["ratio"]
-    level, coefficient = friction.linear(v)
-    constant = usual / ratio / log_uniform(rng, 1.0, 8.0)
+    level, coefficient = friction.fit_linear(v)
+    constant = usual / ratio / draw_log_uniform(rng, 1.0, 8.0)
     return {
-        "coulomb_friction": _rounded(known * max(level, 0.0) / ratio),
-        "viscous_friction": _rounded(known * max(coefficient, 0.0) / ratio**2),
-        "torque_constant": _rounded(constant),
-        "input_noise": usual / ratio * log_uniform(rng, 0.003, 0.015),
+        "coulomb_friction": _round_digits(known * max(level, 0.0) / ratio),
+        "viscous_friction": _round_digits(known * max(coefficient, 0.0) / ratio**2),
+        "torque_constant": _round_digits(constant),
+        "input_noise": usual / ratio * draw_log_uniform(rng, 0.003, 0.015),
     }
 
 
-def _sensor(rng: np.random.Generator, encoder: str, ratio: float) -> dict[str, float]:
+def _draw_sensor(rng: np.random.Generator, encoder: str, ratio: float) -> dict[str, float]:
     """Draw an encoder at the rotor or at the joint; its counts per turn are a power of two."""
     scale = 1.0
     if encoder == "motor":
         scale = ratio
-    resolution = 2.0 * math.pi / 2 ** round(math.log2(2.0 * math.pi / (scale * log_uniform(rng, 5e-6, 3e-4))))
-    return {"resolution": resolution, "encoder_noise": _rounded(resolution * float(rng.uniform(0.0, 0.5)))}
+    resolution = 2.0 * math.pi / 2 ** round(math.log2(2.0 * math.pi / (scale * draw_log_uniform(rng, 5e-6, 3e-4))))
+    return {"resolution": resolution, "encoder_noise": _round_digits(resolution * float(rng.uniform(0.0, 0.5)))}
 
 
-def _rounded(value: float, digits: int = 4) -> float:
+def _round_digits(value: float, digits: int = 4) -> float:
     return float(f"{value:.{digits}g}")

@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from hdagen.blind.realities.effect_sizes import SIZES, WHOLE, Size, unknown
-from hdagen.blind.realities.random_streams import digest, log_uniform, stream
+from hdagen.blind.realities.effect_sizes import EFFECT_SIZES, NEVER_IN_BACKGROUND, EffectSize, draw_unknown_torque
+from hdagen.blind.realities.random_streams import draw_log_uniform, purpose_digest, seeded_generator
 
-BACKGROUND = 0.04  # of every typical size
-LEAST, MOST = 0.5, 1.5  # smallest and largest size of a true effect, in typical sizes
-LARGE = 0.7  # smallest size of a true effect beside an unknown one, in typical sizes
+BACKGROUND_SIZE = 0.04  # of every typical size
+SMALLEST_SIZE, LARGEST_SIZE = 0.5, 1.5  # smallest and largest size of a true effect, in typical sizes
+SMALLEST_SIZE_OF_TWO = 0.7  # smallest size of a true effect beside an unknown one, in typical sizes
 TOLERANCE = 0.05  # relative standard deviation that the robot file states
-SCATTER, FURTHEST = 0.04, 2.5  # relative standard deviation of the true parameters; the largest deviation in these
-SCATTERED = (
+PARAMETER_SCATTER, MOST_DEVIATIONS = (
+    0.04,
+    2.5,
+)  # relative standard deviation of the true parameters; the largest deviation in these
+SCATTERED_PARAMETERS = (
     "mass",
     "center_of_mass",
     "inertia",
@@ -32,7 +35,7 @@ SCATTERED = (
     "wave_generator_stiffening",
     "torsional_damping",
 )  # without lengths, which are measured, and ratios, which are counted
-DRIVE = {  # CSG-17-100, docs/errata.md; motor of 52.5 mN m/A
+NOMINAL_DRIVE = {  # CSG-17-100, docs/errata.md; motor of 52.5 mN m/A
     "ratio": 100.0,
     "motor_inertia": 1.289e-4,
     "torque_constant": 0.0525,
@@ -45,12 +48,12 @@ DRIVE = {  # CSG-17-100, docs/errata.md; motor of 52.5 mN m/A
     "wave_generator_stiffening": 27.027,
     "torsional_damping": 6.0,
 }
-SENSOR = {
+NOMINAL_SENSOR = {
     "motor_encoder_resolution": 2.0 * np.pi / 4096,
     "joint_encoder_resolution": 2.0 * np.pi / 2**20,
     "current_noise": 0.01,
 }
-LINK = ("length", "mass", "center_of_mass", "inertia")
+LINK_KEYS = ("length", "mass", "center_of_mass", "inertia")
 _UNSEEN_BY_TASK = ("contact", "current_saturation")  # sized by the ends of the motion, which a circle hardly touches
 
 
@@ -69,9 +72,9 @@ class TwoJointArm:
         tables = tomlkit.aot()
         for joint in self.joints:
             table = tomlkit.table()
-            table.update({key: joint[key] for key in LINK})
-            table["drive"] = {key: joint[key] for key in DRIVE}
-            table["sensor"] = {key: float(joint[key]) for key in SENSOR}
+            table.update({key: joint[key] for key in LINK_KEYS})
+            table["drive"] = {key: joint[key] for key in NOMINAL_DRIVE}
+            table["sensor"] = {key: float(joint[key]) for key in NOMINAL_SENSOR}
             tables.append(table)
         document["joint"] = tables
         return tomlkit.dumps(document)
@@ -87,7 +90,7 @@ class TwoJointArm:
 
 
 @dataclass(frozen=True)
-class Present:
+class TrueEffect:
     """An effect in reality: ``joint`` from 1, 0 for the whole arm; ``size`` in multiples of the typical one."""
 
     effect: str
@@ -106,7 +109,7 @@ class ArmCase:
     name: str
     kind: str
     robot: TwoJointArm
-    truth: tuple[Present, ...]
+    truth: tuple[TrueEffect, ...]
     background: float
     seed: int
 
@@ -120,11 +123,11 @@ class ArmCase:
             "seed": self.seed,
         }
 
-    def true_set(self) -> None:
+    def true_diagnosis(self) -> None:
         """None: no diagnosis.json can state the truth, as the model has other formulas."""
 
 
-def robots(seed: str) -> tuple[TwoJointArm, ...]:
+def draw_robots(seed: str) -> tuple[TwoJointArm, ...]:
     """Draw the robots of a check: two that lie flat and one that stands, of random size and meaningless name.
 
     Args:
@@ -134,11 +137,11 @@ def robots(seed: str) -> tuple[TwoJointArm, ...]:
         The robots as their files state them.
 
     """
-    return tuple(_robot(seed, at, gravity) for at, gravity in enumerate([(0.0, 0.0), (0.0, -9.81), (0.0, 0.0)]))
+    return tuple(_draw_robot(seed, at, gravity) for at, gravity in enumerate([(0.0, 0.0), (0.0, -9.81), (0.0, 0.0)]))
 
 
-def _robot(seed: str, at: int, gravity: tuple[float, float]) -> TwoJointArm:
-    rng = stream(seed, "robot", at)
+def _draw_robot(seed: str, at: int, gravity: tuple[float, float]) -> TwoJointArm:
+    rng = seeded_generator(seed, "robot", at)
     links = []
     for mass, inertia in ((1.6, 0.03), (0.9, 0.012)):
         length = round(float(rng.uniform(0.14, 0.2)), 3)
@@ -150,11 +153,11 @@ def _robot(seed: str, at: int, gravity: tuple[float, float]) -> TwoJointArm:
                 "inertia": round(inertia * float(rng.uniform(0.75, 1.3)), 4),
             }
         )
-    first, second = ({**link, **DRIVE, **SENSOR} for link in links)
-    return TwoJointArm(f"arm-{digest(seed, 'robot', at).hex()[:10]}", gravity, (first, second))
+    first, second = ({**link, **NOMINAL_DRIVE, **NOMINAL_SENSOR} for link in links)
+    return TwoJointArm(f"arm-{purpose_digest(seed, 'robot', at).hex()[:10]}", gravity, (first, second))
 
 
-def cases(seed: str, kind: str, count: int) -> tuple[ArmCase, ...]:
+def draw_arm_cases(seed: str, kind: str, count: int) -> tuple[ArmCase, ...]:
     """Draw the first cases of a kind.
 
     Args:
@@ -166,47 +169,47 @@ def cases(seed: str, kind: str, count: int) -> tuple[ArmCase, ...]:
         The cases, in an order that the seed decides; a larger ``count`` appends to them.
 
     """
-    arms = robots(seed)
-    return tuple(_case(seed, kind, index, arms) for index in range(count))
+    arms = draw_robots(seed)
+    return tuple(_draw_case(seed, kind, index, arms) for index in range(count))
 
 
-def _case(seed: str, kind: str, index: int, arms: Sequence[TwoJointArm]) -> ArmCase:
-    rng = stream(seed, kind, index)
+def _draw_case(seed: str, kind: str, index: int, arms: Sequence[TwoJointArm]) -> ArmCase:
+    rng = seeded_generator(seed, kind, index)
     if kind == "none":
-        truth: tuple[Present, ...] = ()
+        truth: tuple[TrueEffect, ...] = ()
     elif kind == "unknown":
-        truth = (Present("unknown", int(rng.integers(1, 3)), _size(rng)),)
+        truth = (TrueEffect("unknown", int(rng.integers(1, 3)), _draw_size(rng)),)
     elif kind == "pair":
-        first, second = rng.choice(list(SIZES), 2, replace=False)
-        truth = (_present(str(first), rng), _present(str(second), rng))
+        first, second = rng.choice(list(EFFECT_SIZES), 2, replace=False)
+        truth = (_draw_effect(str(first), rng), _draw_effect(str(second), rng))
     else:
-        least = LEAST
+        least = SMALLEST_SIZE
         if kind == "unknown+one":
-            least = LARGE
-        names = [name for name in SIZES if kind != "task" or name not in _UNSEEN_BY_TASK]
+            least = SMALLEST_SIZE_OF_TWO
+        names = [name for name in EFFECT_SIZES if kind != "task" or name not in _UNSEEN_BY_TASK]
         block, place = divmod(index, len(names))  # every effect occurs once in each block
-        order = stream(seed, kind, "order", block).permutation(len(names))
-        truth = (_present(names[int(order[place])], rng, least),)
+        order = seeded_generator(seed, kind, "order", block).permutation(len(names))
+        truth = (_draw_effect(names[int(order[place])], rng, least),)
         if kind == "unknown+one":
-            truth = (*truth, Present("unknown", int(rng.integers(1, 3)), _size(rng, least)))
+            truth = (*truth, TrueEffect("unknown", int(rng.integers(1, 3)), _draw_size(rng, least)))
     background = 0.0
     if kind == "background" or (kind == "none" and index % 2):
-        background = BACKGROUND
+        background = BACKGROUND_SIZE
     seed_of_case = int(rng.integers(2**62))
-    name = digest(seed, kind, index, "name").hex()[:16]
+    name = purpose_digest(seed, kind, index, "name").hex()[:16]
     return ArmCase(name, kind, arms[int(rng.integers(3))], truth, background, seed_of_case)
 
 
-def _size(rng: np.random.Generator, least: float = LEAST) -> float:
-    return log_uniform(rng, least, MOST)
+def _draw_size(rng: np.random.Generator, least: float = SMALLEST_SIZE) -> float:
+    return draw_log_uniform(rng, least, LARGEST_SIZE)
 
 
-def _present(effect: str, rng: np.random.Generator, least: float = LEAST) -> Present:
-    joint = {"each": int(rng.integers(1, 3)), "last": 2, "arm": 0}[SIZES[effect].joints]
-    return Present(effect, joint, _size(rng, least))
+def _draw_effect(effect: str, rng: np.random.Generator, least: float = SMALLEST_SIZE) -> TrueEffect:
+    joint = {"each": int(rng.integers(1, 3)), "last": 2, "arm": 0}[EFFECT_SIZES[effect].joints]
+    return TrueEffect(effect, joint, _draw_size(rng, least))
 
 
-def scattered(robot: TwoJointArm, seed: int) -> list[dict[str, float]]:
+def draw_true_parameters(robot: TwoJointArm, seed: int) -> list[dict[str, float]]:
     """Draw the true base parameters of a case.
 
     Args:
@@ -217,15 +220,22 @@ def scattered(robot: TwoJointArm, seed: int) -> list[dict[str, float]]:
         Base parameters of each joint by the keys of its tables, SI.
 
     """
-    rng = stream(str(seed), "base")
+    rng = seeded_generator(str(seed), "base")
     true = []
     for joint in robot.joints:
-        off = np.clip(rng.standard_normal(len(SCATTERED)), -FURTHEST, FURTHEST) * SCATTER
-        true.append({**joint, **{key: joint[key] * (1.0 + float(d)) for key, d in zip(SCATTERED, off, strict=True)}})
+        off = (
+            np.clip(rng.standard_normal(len(SCATTERED_PARAMETERS)), -MOST_DEVIATIONS, MOST_DEVIATIONS)
+            * PARAMETER_SCATTER
+        )
+        true.append(
+            {**joint, **{key: joint[key] * (1.0 + float(d)) for key, d in zip(SCATTERED_PARAMETERS, off, strict=True)}}
+        )
     return true
 
 
-def parameters(case: ArmCase, ends: Mapping[int, Mapping[str, float]]) -> dict[tuple[str, int], dict[str, float]]:
+def draw_effect_parameters(
+    case: ArmCase, ends: Mapping[int, Mapping[str, float]]
+) -> dict[tuple[str, int], dict[str, float]]:
     """Draw the parameters of every effect in reality.
 
     Args:
@@ -239,18 +249,22 @@ def parameters(case: ArmCase, ends: Mapping[int, Mapping[str, float]]) -> dict[t
     """
     truth = {(one.effect, one.joint): one.size for one in case.truth}
     found = {}
-    for effect, size in SIZES.items():
-        for joint in _joints(size):
-            background = 0.0 if effect in WHOLE else case.background
+    for effect, size in EFFECT_SIZES.items():
+        for joint in _joints_of(size):
+            background = 0.0 if effect in NEVER_IN_BACKGROUND else case.background
             multiple = truth.get((effect, joint), background)
             if multiple:
                 base = {**case.robot.joints[max(joint, 1) - 1], **ends[max(joint, 1)]}
-                found[effect, joint] = size.draw(multiple * size.typical, stream(str(case.seed), effect, joint), base)
+                found[effect, joint] = size.draw(
+                    multiple * size.typical, seeded_generator(str(case.seed), effect, joint), base
+                )
     for one in case.truth:
         if one.effect == "unknown":
-            found["unknown", one.joint] = unknown(one.size, stream(str(case.seed), "unknown", one.joint))
+            found["unknown", one.joint] = draw_unknown_torque(
+                one.size, seeded_generator(str(case.seed), "unknown", one.joint)
+            )
     return found
 
 
-def _joints(size: Size) -> tuple[int, ...]:
+def _joints_of(size: EffectSize) -> tuple[int, ...]:
     return {"each": (1, 2), "last": (2,), "arm": (0,)}[size.joints]

@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.data.split import LogPortion
 from hdagen.prediction.measurement_model import Rows
-from hdagen.prediction.window_replay import Replay, joined
+from hdagen.prediction.window_replay import Replay, combine_channel_errors
 
-DRAWS = 500
-BLOCK = 4  # windows of a block: one second of motion, so that neighbours with alike errors stay together
-LEVEL = 0.95
-ABOVE = 10.0  # multiples of the noise, from which a remaining error counts
+BOOTSTRAP_DRAWS = 500
+BLOCK_WINDOWS = 4  # windows of a block: one second of motion, so that neighbours with alike errors stay together
+CONFIDENCE_LEVEL = 0.95
+SIGNIFICANT_NOISE_MULTIPLE = 10.0  # multiples of the noise, from which a remaining error counts
 
 
-def gap(before: Replay, after: Replay, held: Portion, flexible: Replay | None = None) -> dict[str, Any]:
-    """Compute `gap` of diagnosis.json on held-out motion.
+def evaluate_gap(before: Replay, after: Replay, held: LogPortion, flexible: Replay | None = None) -> dict[str, Any]:
+    """Compute `evaluate_gap` of diagnosis.json on held-out motion.
 
-    A gap is the root mean square of the replay errors in multiples of each channel's noise, `joined` over the channels
-    that the model can err in. The interval of the closed share comes from blocks of windows drawn with replacement, the
-    same draws at each call.
+    A gap is the root mean square of the replay errors in multiples of each channel's noise, `combine_channel_errors`
+    over the channels that the model can err in. The interval of the closed share comes from blocks of windows drawn
+    with replacement, the same draws at each call.
 
     Args:
         before: the replay of the robot file's model.
@@ -41,9 +41,9 @@ def gap(before: Replay, after: Replay, held: Portion, flexible: Replay | None = 
     seen = [before, after]
     if flexible is not None:
         seen.append(flexible)
-    squares, rows, names = _compared(before, seen, held)
+    squares, rows, names = _sum_window_errors(before, seen, held)
     each = np.sqrt(squares.sum(1) / rows.sum())
-    left = joined(each)
+    left = combine_channel_errors(each)
     of_flexible = None
     if flexible is not None:
         of_flexible = float(left[2])
@@ -53,13 +53,15 @@ def gap(before: Replay, after: Replay, held: Portion, flexible: Replay | None = 
         "floor": 1.0,
         "flexible": of_flexible,
         "achievable": float(left.min()),
-        "shrink": _shrink(left),
-        "interval": _middle(s for s in map(_shrink, _draws(squares[:2], rows)) if s is not None),
-        "by_channel": _by_channel(each, names, before),
+        "shrink": _compute_shrink(left),
+        "interval": _compute_interval(
+            s for s in map(_compute_shrink, _draw_blocks(squares[:2], rows)) if s is not None
+        ),
+        "by_channel": _describe_channels(each, names, before),
     }
 
 
-def least(seen: Sequence[Replay], held: Portion) -> Replay:
+def choose_closest_replay(seen: Sequence[Replay], held: LogPortion) -> Replay:
     """Choose the replay with the smallest gap.
 
     Args:
@@ -70,11 +72,11 @@ def least(seen: Sequence[Replay], held: Portion) -> Replay:
         One of them.
 
     """
-    squares, rows, _ = _compared(seen[0], seen, held)
-    return seen[int(np.argmin(joined(np.sqrt(squares.sum(1) / rows.sum()))))]
+    squares, rows, _ = _sum_window_errors(seen[0], seen, held)
+    return seen[int(np.argmin(combine_channel_errors(np.sqrt(squares.sum(1) / rows.sum()))))]
 
 
-def bounds(
+def compute_gap_bounds(
     told: Mapping[str, Any], rungs: Sequence[Mapping[str, Any]], tolerated: Sequence[Mapping[str, Any]]
 ) -> dict[str, float]:
     """Bound the gap by everything that was fitted.
@@ -83,7 +85,7 @@ def bounds(
     than these do. No model leaves less than the achievable gap.
 
     Args:
-        told: `gap` of diagnosis.json.
+        told: `evaluate_gap` of diagnosis.json.
         rungs: `ladder` of diagnosis.json.
         tolerated: `tolerated` of diagnosis.json.
 
@@ -96,7 +98,7 @@ def bounds(
     return {"flexible": flexible, "achievable": min(every)}
 
 
-def by_channel(before: Replay, after: Replay, held: Portion) -> dict[str, dict[str, float]]:
+def measure_channel_errors(before: Replay, after: Replay, held: LogPortion) -> dict[str, dict[str, float]]:
     """Measure the replay error of each channel.
 
     Args:
@@ -108,11 +110,11 @@ def by_channel(before: Replay, after: Replay, held: Portion) -> dict[str, dict[s
         By channel the root mean square error ``before`` and ``after``, in multiples of its ``noise``, and that in SI.
 
     """
-    squares, rows, names = _compared(before, (before, after), held)
-    return _by_channel(np.sqrt(squares.sum(1) / rows.sum()), names, before)
+    squares, rows, names = _sum_window_errors(before, (before, after), held)
+    return _describe_channels(np.sqrt(squares.sum(1) / rows.sum()), names, before)
 
 
-def _by_channel(each: Array, names: list[str], before: Replay) -> dict[str, dict[str, float]]:
+def _describe_channels(each: Array, names: list[str], before: Replay) -> dict[str, dict[str, float]]:
     """The errors of channels ``each`` (replays, channels) by name; the first two replays are before and after."""
     return {
         name: {"before": float(each[0, k]), "after": float(each[1, k]), "noise": before.noise[name]}
@@ -120,8 +122,8 @@ def _by_channel(each: Array, names: list[str], before: Replay) -> dict[str, dict
     }
 
 
-def spread(before: Replay, seen: Sequence[Replay], held: Portion) -> list[tuple[float, list[float] | None]]:
-    """Bootstrap the gaps of several replays, with the same draws as `gap`.
+def bootstrap_gaps(before: Replay, seen: Sequence[Replay], held: LogPortion) -> list[tuple[float, list[float] | None]]:
+    """Bootstrap the gaps of several replays, with the same draws as `evaluate_gap`.
 
     Args:
         before: the replay of the robot file's model.
@@ -134,15 +136,15 @@ def spread(before: Replay, seen: Sequence[Replay], held: Portion) -> list[tuple[
     Source: Efron, Tibshirani, An Introduction to the Bootstrap (1993), 8.6.
 
     """
-    squares, rows, _ = _compared(before, seen, held)
-    left, drawn = joined(np.sqrt(squares.sum(1) / rows.sum())), _draws(squares, rows)
+    squares, rows, _ = _sum_window_errors(before, seen, held)
+    left, drawn = combine_channel_errors(np.sqrt(squares.sum(1) / rows.sum())), _draw_blocks(squares, rows)
     gaps = []
     for k, value in enumerate(left):
-        gaps.append((float(value), _middle(draw[k] for draw in drawn)))
+        gaps.append((float(value), _compute_interval(draw[k] for draw in drawn)))
     return gaps
 
 
-def block_errors(seen: Sequence[Replay], portion: Portion) -> Array:
+def measure_block_errors(seen: Sequence[Replay], portion: LogPortion) -> Array:
     """Measure the errors of replays in each block of a second.
 
     Args:
@@ -150,30 +152,30 @@ def block_errors(seen: Sequence[Replay], portion: Portion) -> Array:
         portion: the rows (T,) of the log that count.
 
     Returns:
-        Root mean squares in multiples of the noise, `joined` over the channels (R, blocks).
+        Root mean squares in multiples of the noise, `combine_channel_errors` over the channels (R, blocks).
 
     """
-    squares, rows, _ = _compared(seen[0], seen, portion)
-    begins = np.arange(0, len(rows), BLOCK)
+    squares, rows, _ = _sum_window_errors(seen[0], seen, portion)
+    begins = np.arange(0, len(rows), BLOCK_WINDOWS)
     counts = np.add.reduceat(rows, begins)
-    return joined(np.sqrt(np.add.reduceat(squares, begins, axis=1) / counts[:, None]))
+    return combine_channel_errors(np.sqrt(np.add.reduceat(squares, begins, axis=1) / counts[:, None]))
 
 
-def _compared(before: Replay, seen: Sequence[Replay], held: Portion) -> tuple[Array, Rows, list[str]]:
+def _sum_window_errors(before: Replay, seen: Sequence[Replay], held: LogPortion) -> tuple[Array, Rows, list[str]]:
     """Sums of squared errors in the channels' noise (replays, windows, channels), rows of each window, channels."""
-    names = before.channels
+    names = before.counted_channels
     counts = np.add.reduceat(held.rows.astype(int), before.starts)
-    squares = np.stack([_squares(one, held, names, before.starts) for one in seen])
+    squares = np.stack([_sum_squared_errors(one, held, names, before.starts) for one in seen])
     return squares[:, counts > 0], counts[counts > 0], names
 
 
-def _squares(seen: Replay, held: Portion, names: list[str], starts: Rows) -> Array:
+def _sum_squared_errors(seen: Replay, held: LogPortion, names: list[str], starts: Rows) -> Array:
     """Sum of the squared errors of each window and channel, in the channel's noise (windows, channels)."""
     errors = np.stack([(seen.columns[name] - held.log[name]) / seen.noise[name] for name in names], 1)
     return np.asarray(np.add.reduceat(errors**2 * held.rows[:, None], starts, axis=0))
 
 
-def _shrink(left: Array) -> float | None:
+def _compute_shrink(left: Array) -> float | None:
     """The share of the gap above the noise that is closed; None where there is none."""
     span = float(left[0]) - 1.0
     if span <= 0.1:
@@ -181,19 +183,23 @@ def _shrink(left: Array) -> float | None:
     return (float(left[0]) - float(left[1])) / span
 
 
-def _draws(squares: Array, rows: Rows) -> list[Array]:
+def _draw_blocks(squares: Array, rows: Rows) -> list[Array]:
     """The gaps of the replays (R,) in each draw of blocks of windows; no draws from fewer than two blocks."""
-    begins = np.arange(0, len(rows), BLOCK)
+    begins = np.arange(0, len(rows), BLOCK_WINDOWS)
     if len(begins) < 2:
         return []
     blocks, lengths = np.add.reduceat(squares, begins, axis=1), np.add.reduceat(rows, begins)
-    drawn = np.random.default_rng(0).integers(len(begins), size=(DRAWS, len(begins)))
-    return [joined(np.sqrt(blocks[:, draw].sum(1) / lengths[draw].sum())) for draw in drawn]
+    drawn = np.random.default_rng(0).integers(len(begins), size=(BOOTSTRAP_DRAWS, len(begins)))
+    return [combine_channel_errors(np.sqrt(blocks[:, draw].sum(1) / lengths[draw].sum())) for draw in drawn]
 
 
-def _middle(drawn: Iterable[float]) -> list[float] | None:
-    """Low and high between which ``LEVEL`` of the drawn values lie; None from fewer than half of the draws."""
+def _compute_interval(drawn: Iterable[float]) -> list[float] | None:
+    """Low and high between which ``CONFIDENCE_LEVEL`` of the drawn values lie; None from fewer than half of the
+    draws."""
     values = list(drawn)
-    if len(values) < DRAWS / 2:
+    if len(values) < BOOTSTRAP_DRAWS / 2:
         return None
-    return [float(np.quantile(values, (1 - LEVEL) / 2)), float(np.quantile(values, (1 + LEVEL) / 2))]
+    return [
+        float(np.quantile(values, (1 - CONFIDENCE_LEVEL) / 2)),
+        float(np.quantile(values, (1 + CONFIDENCE_LEVEL) / 2)),
+    ]

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.build_loader import PlantError
-from hdagen.diagnosis.data.split import Mask, Portion
+from hdagen.diagnosis.data.split import LogPortion, Mask
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import Replay
 
 
-def name_rows(held: Portion, logs: Sequence[Log]) -> list[dict[str, Any]]:
+def name_rows(held: LogPortion, logs: Sequence[Log]) -> list[dict[str, Any]]:
     """Name the rows that a gap is counted over, as `data.hold_out` of diagnosis.json.
 
     Args:
@@ -28,7 +28,7 @@ def name_rows(held: Portion, logs: Sequence[Log]) -> list[dict[str, Any]]:
 
     """
     ends = np.cumsum([len(log) for log in logs])
-    each = [Portion(log, held.rows[end - len(log) : end]) for log, end in zip(logs, ends, strict=True)]
+    each = [LogPortion(log, held.rows[end - len(log) : end]) for log, end in zip(logs, ends, strict=True)]
     named = []
     for one in each:
         spans = [list(span) for span in one.spans]
@@ -56,8 +56,8 @@ def count_rows(found: Replay, log: Log, content: Mapping[str, Any], source: str)
     try:
         entries = {str(one["log"]): (int(one["rows"]), one["spans"]) for one in content["data"]["hold_out"]}
         noise = {str(name): float(one["noise"]) for name, one in content["gap"]["by_channel"].items()}
-        number, spans = entries[_entry(list(entries), log.source, source)]
-        rows = _rows(log, np.array(spans, float).reshape(-1, 2))
+        number, spans = entries[_find_entry(list(entries), log.source, source)]
+        rows = _mark_rows(log, np.array(spans, float).reshape(-1, 2))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise PlantError(
             f"{source}: data.hold_out does not say which rows were held out; diagnose again with this version."
@@ -70,11 +70,11 @@ def count_rows(found: Replay, log: Log, content: Mapping[str, Any], source: str)
             ]
         )
     said = f"Errors and gap are counted over {number} of {len(log)} rows and in the noise that {source} states."
-    counted = found.over(log, rows, noise)
+    counted = found.restrict_to_rows(log, rows, noise)
     return replace(counted, notes=(*counted.notes, said))
 
 
-def _entry(known: Sequence[str], wanted: str, source: str) -> str:
+def _find_entry(known: Sequence[str], wanted: str, source: str) -> str:
     """The path among ``known`` that is the log ``wanted``, or the only one with its name. Raises PlantError."""
     if wanted in known:
         return wanted
@@ -87,7 +87,7 @@ def _entry(known: Sequence[str], wanted: str, source: str) -> str:
     raise PlantError(f"{source}: counts no rows of {wanted}; possible {verb} {', '.join(known)}.")
 
 
-def _rows(log: Log, spans: np.ndarray) -> Mask:
+def _mark_rows(log: Log, spans: np.ndarray) -> Mask:
     """The rows of ``log`` (T) at the times of ``spans`` (S, 2), ends included."""
     first, last = np.searchsorted(log.time, spans[:, 0]), np.searchsorted(log.time, spans[:, 1], side="right")
     change = np.zeros(len(log) + 1, int)

@@ -11,22 +11,22 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.windows import Record
-from hdagen.log.channel_statistics import Even, even
-from hdagen.prediction.measurement_model import joint_angles
+from hdagen.diagnosis.data.windows import WindowedRecord
+from hdagen.log.channel_statistics import UniformGrid, make_uniform_grid
+from hdagen.prediction.measurement_model import read_joint_angles
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class RequiredTorque:
     """Angles, speeds, and torques at the joints (K, n) at the instants of ``grid``."""
 
-    grid: Even
+    grid: UniformGrid
     angle: Array
     speed: Array
     torque: Array
 
 
-def asked(arm: Arm, record: Record) -> Asked:
+def compute_required_torque(arm: Arm, record: WindowedRecord) -> RequiredTorque:
     """Compute the torque that a recorded motion requires at the joints. The motor's angle stands in for a missing joint
     encoder.
 
@@ -39,10 +39,10 @@ def asked(arm: Arm, record: Record) -> Asked:
 
     """
     log, n = record.log, arm.n
-    grid = even(log.time)
-    q = np.stack([grid.smooth(column) for column in joint_angles(arm, log).T], 1)
-    v = np.stack([grid.rate(column) for column in q.T], 1)
-    a = np.stack([grid.rate(column) for column in v.T], 1)
+    grid = make_uniform_grid(log.time)
+    q = np.stack([grid.smooth(column) for column in read_joint_angles(arm, log).T], 1)
+    v = np.stack([grid.differentiate(column) for column in q.T], 1)
+    a = np.stack([grid.differentiate(column) for column in v.T], 1)
     held = record.command[np.clip(np.searchsorted(log.time, grid.time, side="right") - 1, 0, None)]
     torque = arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=held[:, n:])["joint_torque"]
-    return Asked(grid, q, v, torque)
+    return RequiredTorque(grid, q, v, torque)

@@ -14,27 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
-from hdagen.log.concatenation import joined
+from hdagen.log.concatenation import concatenate_logs
 from hdagen.log.measured_log import Log
-from hdagen.support.row_runs import stretches
+from hdagen.support.row_runs import find_true_runs
 
-SHARE = 0.2  # of each log, held out
-SPAN = 5.0  # s; one block of each span is held out
-SPANS = 4  # spans at least, in a log shorter than SPANS * SPAN
-UNEVEN = (np.sqrt(5) - 1) / 2  # of a span, by which a block lies later than the one before it (golden ratio)
+HOLDOUT_SHARE = 0.2  # of each log, held out
+HOLDOUT_SPAN = 5.0  # s; one block of each span is held out
+FEWEST_HOLDOUT_SPANS = 4  # spans at least, in a log shorter than SPANS * SPAN
+GOLDEN_RATIO_STEP = (np.sqrt(5) - 1) / 2  # of a span, by which a block lies later than the one before it (golden ratio)
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Portion:
+class LogPortion:
     """A log with a mask of the ``rows`` (T) that belong to the portion."""
 
     log: Log
     rows: Mask
 
     @classmethod
-    def whole(cls, log: Log) -> Portion:
+    def all_rows(cls, log: Log) -> LogPortion:
         """Take all rows of a log.
 
         Args:
@@ -49,9 +49,9 @@ class Portion:
     @property
     def spans(self) -> list[tuple[float, float]]:
         """First and last instant of each run of rows, s."""
-        return [(float(self.log.time[a]), float(self.log.time[b - 1])) for a, b in stretches(self.rows)]
+        return [(float(self.log.time[a]), float(self.log.time[b - 1])) for a, b in find_true_runs(self.rows)]
 
-    def without(self, windows: Sequence[int], starts: NDArray[np.intp]) -> Portion:
+    def without_windows(self, windows: Sequence[int], starts: NDArray[np.intp]) -> LogPortion:
         """Leave some windows out. Where no row would remain, nothing is left out.
 
         Args:
@@ -68,9 +68,9 @@ class Portion:
                 left[first:end] = False
         if not left.any():
             return self
-        return Portion(self.log, left)
+        return LogPortion(self.log, left)
 
-    def at(self, time: Array) -> Mask:
+    def covers(self, time: Array) -> Mask:
         """Tell which instants lie in the portion, each by its nearest row.
 
         Args:
@@ -83,7 +83,9 @@ class Portion:
         return self.rows[np.clip(np.searchsorted(self.log.time, time), 0, len(self.rows) - 1)]
 
 
-def part(logs: Sequence[Log], hold_out: Sequence[Log], fresh: Sequence[Mask] = ()) -> tuple[Portion, Portion]:
+def split_logs(
+    logs: Sequence[Log], hold_out: Sequence[Log], fresh: Sequence[Mask] = ()
+) -> tuple[LogPortion, LogPortion]:
     """Split logs into fitted and held-out rows.
 
     Args:
@@ -98,12 +100,12 @@ def part(logs: Sequence[Log], hold_out: Sequence[Log], fresh: Sequence[Mask] = (
     counted = list(fresh) or [np.ones(len(log), bool) for log in (*logs, *hold_out)]
     own, other = np.concatenate(counted[: len(logs)]), counted[len(logs) :]
     if hold_out:
-        return Portion(joined(logs), own), Portion(joined(hold_out), np.concatenate(other))
-    whole, held = joined(logs), np.concatenate([blocks(log.time) for log in logs])
-    return Portion(whole, own & ~held), Portion(whole, own & held)
+        return LogPortion(concatenate_logs(logs), own), LogPortion(concatenate_logs(hold_out), np.concatenate(other))
+    whole, held = concatenate_logs(logs), np.concatenate([mark_holdout_blocks(log.time) for log in logs])
+    return LogPortion(whole, own & ~held), LogPortion(whole, own & held)
 
 
-def halve(portion: Portion) -> tuple[Portion, Portion]:
+def split_in_halves(portion: LogPortion) -> tuple[LogPortion, LogPortion]:
     """Split held-out motion into a half for decisions and a half for reported figures, so that no figure selects
     itself.
 
@@ -116,13 +118,13 @@ def halve(portion: Portion) -> tuple[Portion, Portion]:
     """
     seconds = np.floor(portion.log.time - portion.log.time[0]).astype(int)
     even = seconds % 2 == 0
-    halves = Portion(portion.log, portion.rows & even), Portion(portion.log, portion.rows & ~even)
+    halves = LogPortion(portion.log, portion.rows & even), LogPortion(portion.log, portion.rows & ~even)
     if not all(half.rows.any() for half in halves):
         return portion, portion
     return halves
 
 
-def blocks(time: Array) -> Mask:
+def mark_holdout_blocks(time: Array) -> Mask:
     """Choose the rows of a log that are held out.
 
     Args:
@@ -133,9 +135,9 @@ def blocks(time: Array) -> Mask:
 
     """
     length = float(time[-1] - time[0])
-    count = max(SPANS, round(length / SPAN))
+    count = max(FEWEST_HOLDOUT_SPANS, round(length / HOLDOUT_SPAN))
     spans = (time - time[0]) / max(length, np.finfo(float).tiny) * count
     number = np.minimum(spans.astype(int), count - 1)
-    begins = (number * UNEVEN % 1.0) * (1.0 - SHARE)
+    begins = (number * GOLDEN_RATIO_STEP % 1.0) * (1.0 - HOLDOUT_SHARE)
     within = spans - number
-    return np.asarray((within >= begins) & (within < begins + SHARE))
+    return np.asarray((within >= begins) & (within < begins + HOLDOUT_SHARE))

@@ -17,51 +17,51 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import torque_per_input
-from hdagen.data_quality.log_repair import segments
-from hdagen.data_quality.rank_check import ROWS
-from hdagen.diagnosis.data.split import Mask, Portion
-from hdagen.log.channel_statistics import describe
-from hdagen.log.column_map import commanded
+from hdagen.arm.ratings import compute_torque_per_input
+from hdagen.data_quality.log_repair import split_at_long_gaps
+from hdagen.data_quality.rank_check import LEAST_ROWS_PER_TERM
+from hdagen.diagnosis.data.split import LogPortion, Mask
+from hdagen.log.channel_statistics import compute_channel_statistics
+from hdagen.log.column_map import name_command_channel
 from hdagen.log.measured_log import Log
-from hdagen.prediction.channel_noise import channel_noise, instants_noise
-from hdagen.prediction.driving_inputs import driven_by, driving_channel, is_command
-from hdagen.prediction.input_interpolation import between_rows
-from hdagen.prediction.measurement_model import Readings, Rows, complete, mechanical
-from hdagen.prediction.window_replay import window_starts
+from hdagen.prediction.channel_noise import compute_channel_noise, compute_channel_timing_noise
+from hdagen.prediction.driving_inputs import find_driving_channel, is_command_channel, read_driving_inputs
+from hdagen.prediction.input_interpolation import judge_interpolation
+from hdagen.prediction.measurement_model import Readings, Rows, complete_state, count_mechanical_states
+from hdagen.prediction.window_replay import find_window_starts
 
-QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")
-REACH = 0.01  # s to each side of a window's first row; the initial state is read from these rows
-MOST_WINDOWS = 96  # selected windows at most
-MOST_VALUES = 18_000  # sampled values (rows times channels) at most
-FOLLOWED = 0.05  # s of past commands that a measured torque may depend on
-SHORTEST = 0.5  # of the window length, that a shorter last window must have
+CHANNEL_QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")
+INITIAL_STATE_REACH = 0.01  # s to each side of a window's first row; the initial state is read from these rows
+MOST_SELECTED_WINDOWS = 96  # selected windows at most
+MOST_SAMPLED_VALUES = 18_000  # sampled values (rows times channels) at most
+FOLLOWING_TIME = 0.05  # s of past commands that a measured torque may depend on
+SHORTEST_LAST_WINDOW = 0.5  # of the window length, that a shorter last window must have
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class WindowedRecord:
     """A log cut into windows.
 
     ``shown`` (T): rows that the fit may use. ``command`` (T, nu): held from row k to row k + 1; ``before`` (n): the
     input before row 0. ``measured`` (T, M) with standard deviations ``noise`` (M); windows run from rows ``starts`` (W)
-    to ``ends`` (W) and begin in the measured states ``begun`` (W, nx). ``clock`` (T, M): noise of each value that the
-    log's clock causes; ``noise`` contains its mean. ``input_noise`` (n): standard deviation, N m at the motor, of a
-    measured input from one row to the next; 0 for a command.
+    to ``ends`` (W) and begin in the measured states ``initial_states`` (W, nx). ``clock_noise`` (T, M): noise of each
+    value that the log's clock causes; ``noise`` contains its mean. ``input_noise`` (n): standard deviation, N m at the
+    motor, of a measured input from one row to the next; 0 for a command.
     """
 
     log: Log
-    shown: Mask
+    visible_rows: Mask
     time: Array
     command: Array
-    before: Array
+    initial_input: Array
     names: tuple[str, ...]
     outputs: tuple[tuple[str, int], ...]
     measured: Array
     noise: Array
     starts: Rows
     ends: Rows
-    begun: Array
-    clock: Array
+    initial_states: Array
+    clock_noise: Array
     input_noise: Array
 
     @cached_property
@@ -82,26 +82,26 @@ class Record:
         return np.concatenate([np.arange(self.starts[w], self.ends[w]) for w in windows])
 
     @cached_property
-    def kept(self) -> Rows:
+    def selected_windows(self) -> Rows:
         """Selected windows (K), spread evenly over those whose rows the fit may all use."""
-        whole = [bool(self.shown[a:b].all()) for a, b in zip(self.starts, self.ends, strict=True)]
+        whole = [bool(self.visible_rows[a:b].all()) for a, b in zip(self.starts, self.ends, strict=True)]
         may = np.flatnonzero(whole)
-        return may[np.unique(np.linspace(0, len(may) - 1, min(len(may), MOST_WINDOWS)).round().astype(int))]
+        return may[np.unique(np.linspace(0, len(may) - 1, min(len(may), MOST_SELECTED_WINDOWS)).round().astype(int))]
 
     @cached_property
-    def looked(self) -> list[Rows]:
+    def sampled_rows(self) -> list[Rows]:
         """Sampled rows of each selected window, as places in ``rows``."""
         begins = np.concatenate([[0], np.cumsum(self.ends - self.starts)])
-        values = int((self.ends - self.starts)[self.kept].sum()) * len(self.names)
-        stride = max(1, math.ceil(values / MOST_VALUES))
-        return [np.arange(begins[w], begins[w + 1], stride) for w in self.kept]
+        values = int((self.ends - self.starts)[self.selected_windows].sum()) * len(self.names)
+        stride = max(1, math.ceil(values / MOST_SAMPLED_VALUES))
+        return [np.arange(begins[w], begins[w + 1], stride) for w in self.selected_windows]
 
     @cached_property
-    def told(self) -> Array:
+    def samples(self) -> Array:
         """Measured values of the sampled rows (S, M)."""
-        return self.measured[self.rows[np.concatenate(self.looked)]]
+        return self.measured[self.rows[np.concatenate(self.sampled_rows)]]
 
-    def missed(self, seen: Array) -> Array:
+    def subtract_prediction(self, seen: Array) -> Array:
         """Subtract predicted readings from the measured ones, limited to each channel's range. A simulation that
         diverges or yields no number counts as wrong by the whole range.
 
@@ -112,47 +112,53 @@ class Record:
             The differences, of the same shape.
 
         """
-        return np.asarray(np.clip(np.where(np.isfinite(seen), self.told - seen, self.span), -self.span, self.span))
+        return np.asarray(
+            np.clip(
+                np.where(np.isfinite(seen), self.samples - seen, self.channel_ranges),
+                -self.channel_ranges,
+                self.channel_ranges,
+            )
+        )
 
     @cached_property
-    def span(self) -> Array:
+    def channel_ranges(self) -> Array:
         """Range of each channel (M)."""
-        return np.asarray(np.ptp(self.told, axis=0))
+        return np.asarray(np.ptp(self.samples, axis=0))
 
     @cached_property
-    def spread(self) -> Array:
+    def sample_noise(self) -> Array:
         """Standard deviation of each sampled value (S, M). A channel that repeats a value in a window counts it once;
         the part that the clock causes follows the speed."""
         told = []
-        for rows in self.looked:
+        for rows in self.sampled_rows:
             seen = self.measured[self.rows[rows]]
             told.append(np.broadcast_to(np.sqrt(len(rows) / (1 + (np.diff(seen, axis=0) != 0).sum(0))), seen.shape))
         if not self.log.time_uncertainty:
             return np.concatenate(told) * self.noise
-        rows = self.rows[np.concatenate(self.looked)]
-        moved = self.clock[rows]
-        sensor = np.sqrt(np.maximum(self.noise**2 - np.mean(self.clock[self.shown] ** 2, axis=0), 0.0))
+        rows = self.rows[np.concatenate(self.sampled_rows)]
+        moved = self.clock_noise[rows]
+        sensor = np.sqrt(np.maximum(self.noise**2 - np.mean(self.clock_noise[self.visible_rows] ** 2, axis=0), 0.0))
         return np.hypot(np.concatenate(told) * sensor, moved)
 
     @cached_property
-    def uncommanded(self) -> tuple[int, ...]:
+    def joints_without_command(self) -> tuple[int, ...]:
         """Joints whose commands are not logged, so that their measured inputs drive the model."""
         joints = range(1, self.log.n_joints + 1)
-        return tuple(j for j in joints if not is_command(driving_channel(self.log, j, "command") or ""))
+        return tuple(j for j in joints if not is_command_channel(find_driving_channel(self.log, j, "command") or ""))
 
     @property
-    def edges(self) -> Rows:
+    def window_edges(self) -> Rows:
         """First row and end of each window (W, 2)."""
         return np.stack([self.starts, self.ends], 1).astype(np.int32)
 
     @property
-    def steps(self) -> Array:
+    def time_steps(self) -> Array:
         """Time from each row to the next (T), s; the last one repeats the one before."""
         dt = np.diff(self.time)
         return np.append(dt, dt[-1])
 
 
-def record(arm: Arm, seen: Portion, window: float) -> Record:
+def cut_windows(arm: Arm, seen: LogPortion, window: float) -> WindowedRecord:
     """Cut the fitted portion of a log into windows.
 
     Args:
@@ -168,27 +174,27 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
 
     """
     log = seen.log
-    command, _ = driven_by(arm, log, "command")
+    command, _ = read_driving_inputs(arm, log, "command")
     names, outputs = [], []
-    driven = {name for name in arm.input_names[: arm.n] if name in log and commanded(name) in log}
+    driven = {name for name in arm.input_names[: arm.n] if name in log and name_command_channel(name) in log}
     for j in range(1, arm.n + 1):
-        for quantity in QUANTITIES:
+        for quantity in CHANNEL_QUANTITIES:
             name = f"{quantity}_{j}"
             if name in log and (quantity not in ("motor_current", "motor_torque") or name in driven):
                 names.append(name)
                 outputs.append((quantity, j))
     measured = np.stack([log[name] for name in names], 1)
-    noise = np.array([_noise(arm, seen, name, name in driven) for name in names])
-    starts = np.union1d(window_starts(log.time, window), [first for first, _ in segments(log.time)])
+    noise = np.array([_measure_noise(arm, seen, name, name in driven) for name in names])
+    starts = np.union1d(find_window_starts(log.time, window), [first for first, _ in split_at_long_gaps(log.time)])
     ends = np.append(starts[1:], len(log))
     period = log.period
-    whole = ends - starts >= SHORTEST * window / period  # windows that are long enough
+    whole = ends - starts >= SHORTEST_LAST_WINDOW * window / period  # windows that are long enough
     starts, ends = starts[whole], ends[whole]
     before = command[0, : arm.n].copy()
     for j, name in enumerate(arm.input_names[: arm.n]):
         if name in log:
             before[j] = log[name][0]
-    return Record(
+    return WindowedRecord(
         log,
         seen.rows,
         log.time,
@@ -200,51 +206,51 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
         noise,
         starts,
         ends,
-        _begun(arm, log, starts),
-        np.stack([instants_noise(arm, log, name) for name in names], 1),
+        _estimate_initial_states(arm, log, starts),
+        np.stack([compute_channel_timing_noise(arm, log, name) for name in names], 1),
         _input_noise(arm, log),
     )
 
 
-def _noise(arm: Arm, seen: Portion, name: str, driven: bool) -> float:
+def _measure_noise(arm: Arm, seen: LogPortion, name: str, driven: bool) -> float:
     """Estimate the noise of a channel; ``driven``: a torque that is logged beside its own command."""
     if "torque" not in name:
-        return channel_noise(arm, seen.log, name, seen.rows)
+        return compute_channel_noise(arm, seen.log, name, seen.rows)
     if driven:
-        return _followed(seen.log, name, seen.rows)
-    return describe(name, seen.log[name][seen.rows]).noise
+        return _measure_following_noise(seen.log, name, seen.rows)
+    return compute_channel_statistics(name, seen.log[name][seen.rows]).noise
 
 
 def _input_noise(arm: Arm, log: Log) -> Array:
     """Estimate the uncertainty of each joint's measured input (n), N m at the motor: sensor noise, and changes between
     rows."""
-    found, gains = np.zeros(arm.n), torque_per_input(arm)
+    found, gains = np.zeros(arm.n), compute_torque_per_input(arm)
     for j in range(1, arm.n + 1):
-        name = driving_channel(log, j, "command")
-        if name is not None and not is_command(name):
-            uncertainty = between_rows(arm, log, j, log[name]).uncertainty
+        name = find_driving_channel(log, j, "command")
+        if name is not None and not is_command_channel(name):
+            uncertainty = judge_interpolation(arm, log, j, log[name]).uncertainty
             if "torque" not in name:
                 uncertainty = gains[j - 1] * uncertainty
             found[j - 1] = uncertainty
     return found
 
 
-def _followed(log: Log, name: str, shown: Mask) -> float:
+def _measure_following_noise(log: Log, name: str, shown: Mask) -> float:
     """Estimate the noise of a measured torque that follows its command: the residual of the best filter of the command.
     It holds the sensor's noise and the error of the torque loop, which no data sheet states and which is much
     larger."""
-    command = log[commanded(name)]
-    most = max(int(shown.sum()) // ROWS - 2, 0)  # with more the fit would take the noise, too
-    lags = np.arange(min(max(round(FOLLOWED / log.period), 1), most) + 1)
+    command = log[name_command_channel(name)]
+    most = max(int(shown.sum()) // LEAST_ROWS_PER_TERM - 2, 0)  # with more the fit would take the noise, too
+    lags = np.arange(min(max(round(FOLLOWING_TIME / log.period), 1), most) + 1)
     past = np.stack([np.append(np.full(k, command[0]), command[: len(command) - k]) for k in lags], 1)
     A = np.column_stack([past, np.ones(len(command))])[shown]
     coefficients, _, rank, _ = np.linalg.lstsq(A, log[name][shown], rcond=None)
     left = log[name][shown] - A @ coefficients
     spread = float(np.sqrt(left @ left / max(len(left) - rank, 1)))
-    return max(spread, describe(name, log[name][shown]).noise)
+    return max(spread, compute_channel_statistics(name, log[name][shown]).noise)
 
 
-def usual_torque(arm: Arm, record: Record) -> Array:
+def measure_usual_torque(arm: Arm, record: WindowedRecord) -> Array:
     """Measure the usual size of each motor's commanded torque.
 
     Args:
@@ -256,17 +262,17 @@ def usual_torque(arm: Arm, record: Record) -> Array:
 
     """
     size = [float(np.sqrt(np.mean(record.command[:, j] ** 2))) for j in range(arm.n)]
-    return np.asarray(size * torque_per_input(arm))
+    return np.asarray(size * compute_torque_per_input(arm))
 
 
-def _begun(arm: Arm, log: Log, starts: Rows) -> Array:
+def _estimate_initial_states(arm: Arm, log: Log, starts: Rows) -> Array:
     """Estimate the state (W, nx) at each window's start by a parabola through the rows about it."""
-    readings = Readings.of(arm, log)
+    readings = Readings.from_log(arm, log)
     x = np.zeros((len(starts), arm.nx))
     known: set[int] = set()
-    reach, parts = max(3, round(REACH / log.period)), np.array(segments(log.time))
+    reach, parts = max(3, round(INITIAL_STATE_REACH / log.period)), np.array(split_at_long_gaps(log.time))
     within = parts[np.searchsorted(parts[:, 0], starts, side="right") - 1]  # no parabola reaches over a gap
-    for k, place in enumerate(readings.places):
+    for k, place in enumerate(readings.state_indices):
         name = arm.state_names[place]
         if "position" not in name:
             continue
@@ -277,9 +283,9 @@ def _begun(arm: Arm, log: Log, starts: Rows) -> Array:
             fit = np.polyfit(t, readings.measured[span, k] / readings.factors[k], 2)
             x[w, place], x[w, rate] = fit[2], fit[1]
         known |= {place, rate}
-    x[:, : mechanical(arm)] = complete(arm, x, known)[:, : mechanical(arm)]
+    x[:, : count_mechanical_states(arm)] = complete_state(arm, x, known)[:, : count_mechanical_states(arm)]
     if starts[0] == 0:  # a log that starts this slowly starts at rest
-        for k, name in enumerate(arm.state_names[: mechanical(arm)]):
+        for k, name in enumerate(arm.state_names[: count_mechanical_states(arm)]):
             if "velocity" in name and abs(x[0, k]) < 1e-2 * arm.manifest["state"][k]["bound"]:
                 x[0, k] = 0.0
     return x

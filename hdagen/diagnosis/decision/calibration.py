@@ -22,10 +22,10 @@ from typing import Any
 
 from hdagen.support.input_file import InputFileError, read_json
 
-SCHEMA = 2
-LARGEST = 10_000_000  # bytes of a file
-FROZEN = Path(__file__).with_name("calibration.json")
-CLOSEST = 1e-6  # probabilities nearer to 0 or 1 count as this
+CALIBRATION_SCHEMA = 2
+LARGEST_FILE_BYTES = 10_000_000  # bytes of a file
+CALIBRATION_FILE = Path(__file__).with_name("calibration.json")
+PROBABILITY_MARGIN = 1e-6  # probabilities nearer to 0 or 1 count as this
 
 
 class CalibrationError(Exception):
@@ -37,19 +37,19 @@ class Calibration:
     """A calibration of the leading hypothesis' probability.
 
     ``temperature`` divides the log odds (1); ``lapse`` is the share of logs in which a search may miss something.
-    ``seeds`` are hashes of the sealed cases that it was fitted on, ``cases`` their number. ``before`` and ``after`` are
-    mean logarithmic losses in nats; ``digest`` is that of the file.
+    ``seeds`` are hashes of the sealed cases that it was fitted on, ``cases`` their number. ``loss_before`` and
+    ``loss_after`` are mean logarithmic losses in nats; ``digest`` is that of the file.
     """
 
     temperature: float
     lapse: float
     seeds: tuple[str, ...]
     cases: int
-    before: float
-    after: float
+    loss_before: float
+    loss_after: float
     digest: str
 
-    def believed(self, leading: float) -> float:
+    def calibrate(self, leading: float) -> float:
         """Calibrate the probability of a leading hypothesis.
 
         Args:
@@ -59,14 +59,14 @@ class Calibration:
             The calibrated one: at least a half where ``leading`` is above it, and ``leading`` itself elsewhere.
 
         """
-        p = min(max(leading, CLOSEST), 1.0 - CLOSEST)
+        p = min(max(leading, PROBABILITY_MARGIN), 1.0 - PROBABILITY_MARGIN)
         if p <= 0.5:
             return leading
         tempered = 1.0 / (1.0 + math.exp(-math.log(p / (1.0 - p)) / self.temperature))
         return max((1.0 - self.lapse) * tempered, 0.5)
 
 
-def read(path: Path = FROZEN) -> Calibration:
+def read(path: Path = CALIBRATION_FILE) -> Calibration:
     """Read a frozen calibration.
 
     Args:
@@ -80,9 +80,9 @@ def read(path: Path = FROZEN) -> Calibration:
 
     """
     try:
-        content = read_json(path, LARGEST, "freeze it again")
+        content = read_json(path, LARGEST_FILE_BYTES, "freeze it again")
         stated = content.pop("sha256")
-        good = content["schema"] == SCHEMA and stated == digest(content)
+        good = content["schema"] == CALIBRATION_SCHEMA and stated == compute_digest(content)
     except InputFileError as error:
         raise CalibrationError(str(error)) from None
     except (KeyError, AttributeError, TypeError) as error:
@@ -100,7 +100,7 @@ def read(path: Path = FROZEN) -> Calibration:
     )
 
 
-def digest(content: Mapping[str, Any]) -> str:
+def compute_digest(content: Mapping[str, Any]) -> str:
     """Compute the digest of a frozen file.
 
     Args:

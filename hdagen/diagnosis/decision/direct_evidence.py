@@ -17,15 +17,17 @@ import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import Mask
-from hdagen.diagnosis.data.windows import Record
-from hdagen.diagnosis.decision.posterior import GEAR, Decision, Hypothesis
-from hdagen.diagnosis.inference.candidate_priors import PRESENT
-from hdagen.diagnosis.initialization.encoder_regression import Between, between
-from hdagen.diagnosis.initialization.initial_guess import driven
+from hdagen.diagnosis.data.windows import WindowedRecord
+from hdagen.diagnosis.decision.posterior import PLACES_BETWEEN_ENCODERS, Decision, Hypothesis
+from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE
+from hdagen.diagnosis.initialization.encoder_regression import EncoderDifference, read_encoder_differences
+from hdagen.diagnosis.initialization.initial_guess import fit_input_effects
 
-HALF = 0.5  # of the error without it, that an effect must leave at most: it explains three quarters of the variance
+DIRECT_EVIDENCE_SHARE = (
+    0.5  # of the error without it, that an effect must leave at most: it explains three quarters of the variance
+)
 FOLDS = 4  # parts of a log, each of which is predicted from the others
-ENCODER = {
+ENCODER_EFFECT_PARAMETERS = {
     "sensor_delay": ("sensor_delay",),
     "encoder_bias": ("encoder_bias",),
     "encoder_eccentricity": ("eccentricity_sine", "eccentricity_cosine"),
@@ -33,23 +35,23 @@ ENCODER = {
 
 
 @dataclass(frozen=True)
-class Sure:
+class DirectEvidence:
     """An effect that is present: ``name`` (effect@joint), its parameters with their values in SI, and the ``share`` of
     the error without it that remains with it (1)."""
 
     name: str
     parameters: Mapping[str, float]
-    share: float
+    remaining_share: float
 
     @property
     def content(self) -> dict[str, Any]:
         """As diagnosis.json has it."""
         effect, _, joint = self.name.partition("@")
         parameters = {name.removesuffix(f"_{joint}"): value for name, value in self.parameters.items()}
-        return {"effect": effect, "joint": int(joint), "parameters": parameters, "left": self.share}
+        return {"effect": effect, "joint": int(joint), "parameters": parameters, "left": self.remaining_share}
 
 
-def sure(arm: Arm, record: Record) -> list[Sure]:
+def find_direct_evidence(arm: Arm, record: WindowedRecord) -> list[DirectEvidence]:
     """Find the effects of inputs and joint encoders that a log shows by themselves.
 
     Args:
@@ -60,13 +62,13 @@ def sure(arm: Arm, record: Record) -> list[Sure]:
         The effects that explain most of the error of their channel.
 
     """
-    found = [*_inputs(arm, record)]
-    for apart in between(arm, record):
-        found += _between(borne(apart))
-    return [one for one in found if one.share < HALF]
+    found = [*_find_input_effects(arm, record)]
+    for apart in read_encoder_differences(arm, record):
+        found += _find_encoder_effects(add_motor_torque(apart))
+    return [one for one in found if one.remaining_share < DIRECT_EVIDENCE_SHARE]
 
 
-def beside(decision: Decision, found: Sequence[Sure]) -> Decision:
+def add_direct_evidence(decision: Decision, found: Sequence[DirectEvidence]) -> Decision:
     """Add the effects with direct evidence to a verdict.
 
     Where a hypothesis with these effects was fitted, the verdict takes that fit; otherwise it takes their parameters
@@ -81,7 +83,7 @@ def beside(decision: Decision, found: Sequence[Sure]) -> Decision:
         The decision with these effects, or the same one where it has them all.
 
     """
-    added = [one for one in found if not _stands_for(one.name, decision)]
+    added = [one for one in found if not _is_already_explained(one.name, decision)]
     if not added:
         return decision
     strange = tuple(name for name in decision.verdict if name.startswith("unknown@"))
@@ -102,37 +104,39 @@ def beside(decision: Decision, found: Sequence[Sure]) -> Decision:
     if same.fit:
         read_off = {}
     ordered = tuple(sorted(hypotheses, key=lambda h: -h.probability))
-    return replace(decision, hypotheses=ordered, verdict=names, best=same.fit or decision.best, beside=read_off)
+    return replace(
+        decision, hypotheses=ordered, verdict=names, best=same.fit or decision.best, direct_evidence=read_off
+    )
 
 
-def _stands_for(name: str, decision: Decision) -> bool:
+def _is_already_explained(name: str, decision: Decision) -> bool:
     """Whether the verdict has the effect, or another one that shows at the same place.
 
     For an effect of the input that is another effect of the same input. For an effect of a joint's encoder it is an
     effect between the encoders. An unknown torque stands for the encoder's bias or eccentricity, too: a torque that
     varies with the angle would look alike.
     """
-    places = {atom.name: atom.place for atom in decision.best.design.words.atoms}
+    places = {atom.name: atom.place for atom in decision.best.sensitivities.candidates.members}
     effect, _, joint = name.partition("@")
     here = [other for other in decision.verdict if other.partition("@")[2] == joint]
     if places.get(name) == "input":
         return any(places.get(other) == "input" for other in here)
     torque = effect != "sensor_delay" and f"unknown@{joint}" in here
-    return torque or any(places.get(other) in GEAR for other in here)
+    return torque or any(places.get(other) in PLACES_BETWEEN_ENCODERS for other in here)
 
 
-def _inputs(arm: Arm, record: Record) -> Iterator[Sure]:
+def _find_input_effects(arm: Arm, record: WindowedRecord) -> Iterator[DirectEvidence]:
     """Of each joint the effect of its input that best explains the measured input by its command."""
-    best: dict[int, Sure] = {}
-    for effect, name, j, value, share in driven(arm, record):
+    best: dict[int, DirectEvidence] = {}
+    for effect, name, j, value, share in fit_input_effects(arm, record):
         size = abs(value - arm.parameters.described[name].nominal)
-        counts = size > PRESENT * (arm.parameters.described[name].typical or np.inf)
-        if counts and (j not in best or share < best[j].share):
-            best[j] = Sure(f"{effect}@{j}", {name: value}, share)
+        counts = size > PRESENT_SIZE * (arm.parameters.described[name].typical or np.inf)
+        if counts and (j not in best or share < best[j].remaining_share):
+            best[j] = DirectEvidence(f"{effect}@{j}", {name: value}, share)
     yield from best.values()
 
 
-def borne(one: Between) -> Between:
+def add_motor_torque(one: EncoderDifference) -> EncoderDifference:
     """Add the motor's torque to the terms of a joint's torsion.
 
     Whatever pushes the link goes through the spring, known or not, and so through the torque that the motor sends into
@@ -145,36 +149,36 @@ def borne(one: Between) -> Between:
         The same, with that torque among its terms (N m).
 
     """
-    return replace(one, borne=np.column_stack([one.borne, one.driven]))
+    return replace(one, load_terms=np.column_stack([one.load_terms, one.motor_terms]))
 
 
-def _between(one: Between) -> Iterator[Sure]:
+def _find_encoder_effects(one: EncoderDifference) -> Iterator[DirectEvidence]:
     """Effects of the joint's encoder, each with the ratio of the torsion's residual with and without it."""
     every = np.ones(len(one.parameters), bool)
-    names, whole = [q.name for q in one.parameters], one.told(every, one.loaded)
-    left = _left(one, every)
-    for effect, amplitudes in ENCODER.items():
-        wanted = {f"{a}_{one.j}" for a in amplitudes}
+    names, whole = [q.name for q in one.parameters], one.regress_terms(every, one.loaded_rows)
+    left = _cross_validate_residual(one, every)
+    for effect, amplitudes in ENCODER_EFFECT_PARAMETERS.items():
+        wanted = {f"{a}_{one.joint}" for a in amplitudes}
         own = np.array([name in wanted for name in names])
         if not own.any():
             continue
         usual = [q.typical or np.inf for q, chosen in zip(one.parameters, own, strict=True) if chosen]
-        if np.linalg.norm(whole[: len(own)][own] / usual) < PRESENT:
+        if np.linalg.norm(whole[: len(own)][own] / usual) < PRESENT_SIZE:
             continue
         sizes = zip(one.parameters, whole, own, strict=False)
         parameters = {q.name: min(max(float(value), q.low), q.high) for q, value, chosen in sizes if chosen}
-        yield Sure(f"{effect}@{one.j}", parameters, left / _left(one, ~own))
+        yield DirectEvidence(f"{effect}@{one.joint}", parameters, left / _cross_validate_residual(one, ~own))
 
 
-def _left(one: Between, which: Mask) -> float:
+def _cross_validate_residual(one: EncoderDifference, which: Mask) -> float:
     """Cross-validated residual of the torsion (rms, rad), fitted by the terms of ``which`` parameters and by torque."""
-    rows = np.flatnonzero(one.loaded)
+    rows = np.flatnonzero(one.loaded_rows)
     parts = np.array_split(rows, FOLDS)
     squares = 0.0
     for part in parts:
-        seen = one.loaded.copy()
+        seen = one.loaded_rows.copy()
         seen[part] = False
         here = np.zeros(len(seen), bool)
         here[part] = True
-        squares += float((one.left(one.told(which, seen), here) ** 2).sum())
+        squares += float((one.subtract_terms(one.regress_terms(which, seen), here) ** 2).sum())
     return float(np.sqrt(squares / max(len(rows), 1)))

@@ -16,22 +16,24 @@ from dataclasses import replace
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.decision.posterior import DOUBT, NONE
-from hdagen.diagnosis.inference.local_fit import Fitted
-from hdagen.diagnosis.inference.marginal_likelihood import Posterior, gain, posterior
-from hdagen.diagnosis.inference.sensitivities import Design
+from hdagen.diagnosis.decision.posterior import NO_EFFECT_THRESHOLD, PRIOR_NO_EFFECT
+from hdagen.diagnosis.inference.local_fit import Fit
+from hdagen.diagnosis.inference.marginal_likelihood import Posterior, compute_evidence_gain, solve_at_scales
+from hdagen.diagnosis.inference.sensitivities import Sensitivities
 
-CLOSE = float(np.log(100.0))  # difference of expected log evidence, below which two effects count as confounded
+CONFUSABLE_EVIDENCE = float(
+    np.log(100.0)
+)  # difference of expected log evidence, below which two effects count as confounded
 
 
-class Told:
+class Identifiability:
     """Which of a fit's effects its motion can identify.
 
     ``columns`` has the places of each effect@joint among the fit's columns; ``motion`` is the knowledge that the motion
     gives of them.
     """
 
-    def __init__(self, fit: Fitted, temperature: float) -> None:
+    def __init__(self, fit: Fit, temperature: float) -> None:
         """Prepare the linear model of a fit.
 
         Args:
@@ -39,25 +41,27 @@ class Told:
             temperature: of the likelihood (1).
 
         """
-        words = fit.design.words
-        self.fit, self.temperature, self.spike, self.sizes = fit, temperature, words.spike, fit.posterior[0]
-        self.motion = self._motion(fit.design)
+        words = fit.sensitivities.candidates
+        self.fit, self.temperature, self.spike, self.sizes = fit, temperature, words.spike_widths, fit.posterior[0]
+        self.motion = self._measure_information(fit.sensitivities)
         self.columns: dict[str, list[int]] = {}
         for k, c in enumerate(words.columns):
-            if c.atom >= 0:
-                self.columns.setdefault(words.atoms[c.atom].name, []).append(k)
+            if c.candidate >= 0:
+                self.columns.setdefault(words.members[c.candidate].name, []).append(k)
 
-    def _motion(self, design: Design) -> tuple[Posterior, Array]:
+    def _measure_information(self, design: Sensitivities) -> tuple[Posterior, Array]:
         """The posterior of a design's columns with all effects in tolerance, and the log's information (P, P)."""
-        at = self.fit.score.at
-        known = posterior(design.linear().reduced(at.s), self.spike, at.s, at.kappa2, None, self.temperature)
+        at = self.fit.score.posterior
+        known = solve_at_scales(
+            design.linear_model().normal_equations(at.s), self.spike, at.s, at.kappa2, None, self.temperature
+        )
         return known, np.asarray(np.linalg.inv(known.covariance) - np.diag(1.0 / self.spike**2), float)
 
-    def _evidence(self, name: str, seen: Posterior) -> float:
+    def _measure_gain(self, name: str, seen: Posterior) -> float:
         """Log evidence that an effect gains in a posterior."""
-        return gain(seen, self.spike, np.array(self.columns[name]))
+        return compute_evidence_gain(seen, self.spike, np.array(self.columns[name]))
 
-    def unseen(self) -> list[str]:
+    def find_undetectable(self) -> list[str]:
         """Find effects that would not be named although they were present in their usual size.
 
         An effect that shows little in a small step is tried at its whole size.
@@ -66,22 +70,35 @@ class Told:
             Their names, effect@joint, those that show least first.
 
         """
-        needed = float(np.log(NONE / (1.0 - NONE) * len(self.columns) * (1.0 - DOUBT) / DOUBT))
-        found = self._shown(self.columns, self.motion)
+        needed = float(
+            np.log(
+                PRIOR_NO_EFFECT
+                / (1.0 - PRIOR_NO_EFFECT)
+                * len(self.columns)
+                * (1.0 - NO_EFFECT_THRESHOLD)
+                / NO_EFFECT_THRESHOLD
+            )
+        )
+        found = self._expect_evidence(self.columns, self.motion)
         quiet = [name for name in found if found[name] < needed]
-        found |= self._shown(quiet, self._motion(self.fit.design.widened([k for n in quiet for k in self.columns[n]])))
+        found |= self._expect_evidence(
+            quiet,
+            self._measure_information(
+                self.fit.sensitivities.with_finite_step([k for n in quiet for k in self.columns[n]])
+            ),
+        )
         return sorted((name for name in found if found[name] < needed), key=lambda name: (found[name], name))
 
-    def _shown(self, names: Iterable[str], motion: tuple[Posterior, Array]) -> dict[str, float]:
+    def _expect_evidence(self, names: Iterable[str], motion: tuple[Posterior, Array]) -> dict[str, float]:
         """Log evidence that effects of their usual size would gain, the mean over their directions."""
         one = np.ones(1)
         gained = {}
         for name in names:
-            directions = [self._evidence(name, _of(motion, [k], one)) for k in self.columns[name]]
+            directions = [self._measure_gain(name, _expect_posterior(motion, [k], one)) for k in self.columns[name]]
             gained[name] = float(np.mean(directions))
         return gained
 
-    def beside(self, name: str) -> list[str]:
+    def find_confusable(self, name: str) -> list[str]:
         """Find effects that would be nearly as probable as one that is present as large as it was found.
 
         Args:
@@ -92,13 +109,15 @@ class Told:
 
         """
         places = self.columns[name]
-        seen = _of(self.motion, places, self.sizes[places])
-        true = self._evidence(name, seen)
-        behind = {other: true - self._evidence(other, seen) for other in self.columns if other != name}
-        return sorted((other for other in behind if behind[other] < CLOSE), key=lambda other: (behind[other], other))
+        seen = _expect_posterior(self.motion, places, self.sizes[places])
+        true = self._measure_gain(name, seen)
+        behind = {other: true - self._measure_gain(other, seen) for other in self.columns if other != name}
+        return sorted(
+            (other for other in behind if behind[other] < CONFUSABLE_EVIDENCE), key=lambda other: (behind[other], other)
+        )
 
 
-def _of(motion: tuple[Posterior, Array], places: Sequence[int], sizes: Array) -> Posterior:
+def _expect_posterior(motion: tuple[Posterior, Array], places: Sequence[int], sizes: Array) -> Posterior:
     """The posterior of a log without noise in which ``places`` have these ``sizes``."""
     known, information = motion
     return replace(known, mean=known.covariance @ (information[:, places] @ sizes))

@@ -14,30 +14,42 @@ from types import MappingProxyType
 import numpy as np
 
 from hdagen.diagnosis.decision import calibration
-from hdagen.diagnosis.inference.candidate_priors import PRESENT
-from hdagen.diagnosis.inference.local_fit import Fitted
-from hdagen.diagnosis.inference.multiple_shooting import Lane
-from hdagen.diagnosis.search.hypothesis_search import Search
+from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE
+from hdagen.diagnosis.inference.local_fit import Fit
+from hdagen.diagnosis.inference.multiple_shooting import Rollout
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
-NONE = 0.5  # prior probability of no effect
-FURTHER = 0.3  # that there is one more
+PRIOR_NO_EFFECT = 0.5  # prior probability of no effect
+PRIOR_FURTHER_EFFECT = 0.3  # that there is one more
 # unexplained torque, rms over the joints, in its unit (2 % of the usual motor torque), variance beyond the noise's as a
 # share of it, and share of what none leaves, at which it is as probable as not that something unknown is at work
-UNKNOWN = 0.6, 1.0
-LEFT = 0.64
-PLAIN = 2.0  # of the former, from which on it is plain that something is left: more says no more, as a real machine's
+UNKNOWN_MIDPOINTS = 0.6, 1.0
+UNKNOWN_REMAINING_SHARE = 0.64
+LARGEST_UNKNOWN_SIZE = (
+    2.0  # of the former, from which on it is plain that something is left: more says no more, as a real machine's
+)
 # motion is worth a percent of its torque where a sealed one's is worth a thousandth
-NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
-RARE = 2.576  # standard deviations, to which a robot file states a parameter, that one in a hundred is off by
-TOLD = 0.5  # of that standard deviation, to which the log must tell it
-BEHIND = 10.0  # of log evidence, by which the hypothesis that means it may be behind, as what is rare is less probable,
+NEGLIGIBLE_UNKNOWN_ODDS = 0.05  # odds of that, below which it is not counted
+RARE_PARAMETER_DEVIATION = (
+    2.576  # standard deviations, to which a robot file states a parameter, that one in a hundred is off by
+)
+INFORMATIVE_STD_RATIO = 0.5  # of that standard deviation, to which the log must tell it
+MOST_EVIDENCE_DEFICIT = (
+    10.0  # of log evidence, by which the hypothesis that means it may be behind, as what is rare is less probable,
+)
 # and the fit of a set may be behind what that is worth elsewhere
-LEAST = 1e-12
-GEAR = ("transmission", "link", "sensor")
-FORM = 0.2  # of the gain of effects, that another one of their kind may bring which makes up for their formula
-COMES = {"thermal_friction": "warmth"}  # effects that come over time, and the state that says how far one is there
-SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
-DOUBT = 1 / 3  # probability of none, before any calibration, from which no effect is named: an alarm sends an engineer
+SMALLEST_POSITIVE = 1e-12
+PLACES_BETWEEN_ENCODERS = ("transmission", "link", "sensor")
+FORM_CORRECTION_SHARE = (
+    0.2  # of the gain of effects, that another one of their kind may bring which makes up for their formula
+)
+ACCUMULATING_STATES = {
+    "thermal_friction": "warmth"
+}  # effects that come over time, and the state that says how far one is there
+SURE_BELOW = 0.1  # probability of what else it may be, above which a verdict is not sure
+NO_EFFECT_THRESHOLD = (
+    1 / 3
+)  # probability of none, before any calibration, from which no effect is named: an alarm sends an engineer
 # to change a model that may be right. Of 300 sealed logs without an effect 297 left it 0.59 or more
 
 
@@ -47,10 +59,10 @@ class Hypothesis:
 
     names: tuple[str, ...]
     probability: float
-    fit: Fitted | None
+    fit: Fit | None
 
     @property
-    def unknown(self) -> bool:
+    def is_unknown(self) -> bool:
         """Whether its effect is something that no known effect explains."""
         return any(name.startswith("unknown@") for name in self.names)
 
@@ -59,36 +71,37 @@ class Hypothesis:
 class Decision:
     """The hypotheses, the most probable first, and the verdict.
 
-    ``verdict`` has the effects as diagnosis.json does, ``probability`` is the calibrated one and ``stated`` the one
-    before calibration; ``best`` is the fit that the verdict stands on. ``beside`` has the effects of the verdict with
-    direct evidence that no fit has, by name@joint, with their parameters. ``unseen`` is set where the verdict comes
-    from long windows: the effects that these would not show in their usual size.
+    ``verdict`` has the effects as diagnosis.json does, ``probability`` is the calibrated one and
+    ``uncalibrated_probability`` the one before calibration; ``best`` is the fit that the verdict stands on.
+    ``direct_evidence`` has the effects of the verdict with direct evidence that no fit has, by name@joint, with their
+    parameters. ``undetectable`` is set where the verdict comes from long windows: the effects that these would not show
+    in their usual size.
     """
 
     hypotheses: tuple[Hypothesis, ...]
     verdict: tuple[str, ...]
     probability: float
-    stated: float
-    best: Fitted
-    beside: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    unseen: tuple[str, ...] | None = None
+    uncalibrated_probability: float
+    best: Fit
+    direct_evidence: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    undetectable: tuple[str, ...] | None = None
 
     @property
-    def sure(self) -> bool:
+    def is_sure(self) -> bool:
         """Whether the other hypotheses together hold at most a tenth of the probability."""
-        return 1.0 - self.probability <= SURE and not self.unknown
+        return 1.0 - self.probability <= SURE_BELOW and not self.is_unknown
 
     @property
-    def lasting(self) -> bool:
+    def is_long_horizon(self) -> bool:
         """Whether the verdict comes from long windows."""
-        return self.unseen is not None
+        return self.undetectable is not None
 
     @property
-    def unknown(self) -> bool:
+    def is_unknown(self) -> bool:
         """Whether the verdict names something that no known effect explains."""
         return any("unknown" in v for v in self.verdict)
 
-    def marginal(self, name: str) -> float:
+    def marginal_probability(self, name: str) -> float:
         """Compute the probability that an effect is present, alone or with others.
 
         Args:
@@ -101,7 +114,7 @@ class Decision:
         return min(1.0, sum(h.probability for h in self.hypotheses if name in h.names))
 
 
-def sizes(fit: Fitted) -> dict[str, float]:
+def measure_effect_sizes(fit: Fit) -> dict[str, float]:
     """Measure the sizes of a fit's free effects.
 
     Sine and cosine of one effect count together. Of an effect that grows over time, the part that it reached within the
@@ -114,32 +127,37 @@ def sizes(fit: Fitted) -> dict[str, float]:
         By name the size, in usual sizes (1).
 
     """
-    words, stood = fit.design.words, fit.design.words.theta(fit.design.point.p)
-    whole = {k: min(np.linalg.norm(one[words.free((k,))]) for one in (fit.posterior[0], stood)) for k in fit.atoms}
-    return {words.atoms[k].name: float(size) * _came(k, fit) for k, size in whole.items()}
+    words, stood = fit.sensitivities.candidates, fit.sensitivities.candidates.to_theta(fit.sensitivities.point.p)
+    whole = {
+        k: min(np.linalg.norm(one[words.amplitude_columns((k,))]) for one in (fit.posterior[0], stood))
+        for k in fit.effects
+    }
+    return {words.members[k].name: float(size) * _measure_accumulated_share(k, fit) for k, size in whole.items()}
 
 
-def _counted(fit: Fitted) -> dict[str, float]:
+def _relate_to_least_sizes(fit: Fit) -> dict[str, float]:
     """The same in multiples of the least size that counts as present."""
-    words = fit.design.words
-    least = {words.atoms[k].name: words.counts(k) for k in fit.atoms}
-    return {name: size / least[name] for name, size in sizes(fit).items()}
+    words = fit.sensitivities.candidates
+    least = {words.members[k].name: words.presence_threshold(k) for k in fit.effects}
+    return {name: size / least[name] for name, size in measure_effect_sizes(fit).items()}
 
 
-def _came(k: int, fit: Fitted) -> float:
+def _measure_accumulated_share(k: int, fit: Fit) -> float:
     """The largest share of candidate k that is reached where a window begins, at the fit's parameters.
 
     A large effect that grows slowly, or at high speed alone, shows as little as a small one that acts at once.
     """
-    atom, shooting, point = fit.design.words.atoms[k], fit.design.shooting, fit.design.point
-    if atom.effect not in COMES:
+    atom, shooting, point = fit.sensitivities.candidates.members[k], fit.sensitivities.shooting, fit.sensitivities.point
+    if atom.effect not in ACCUMULATING_STATES:
         return 1.0
-    memory = shooting.recalled(Lane(point.p, point.begun))[1]
+    memory = shooting.predict_with_memory(Rollout(point.p, point.initial_states))[1]
     own = shooting.arm.state_names[-memory.shape[1] :]
-    return float(np.abs(memory[:, own.index(f"{COMES[atom.effect]}_{atom.joint}")]).max())
+    return float(np.abs(memory[:, own.index(f"{ACCUMULATING_STATES[atom.effect]}_{atom.joint}")]).max())
 
 
-def decide(search: Search, predicted: Mapping[tuple[str, ...], float] = MappingProxyType({})) -> Decision:
+def score_hypotheses(
+    search: SearchResult, predicted: Mapping[tuple[str, ...], float] = MappingProxyType({})
+) -> Decision:
     """Compute the probabilities of no effect, of every effect on every joint and of the fitted sets, and the verdict.
 
     Args:
@@ -151,38 +169,44 @@ def decide(search: Search, predicted: Mapping[tuple[str, ...], float] = MappingP
         The decision.
 
     """
-    words = search.words
-    fits: dict[tuple[str, ...], Fitted] = {}
-    for fit in search.fitted:
+    words = search.candidates
+    fits: dict[tuple[str, ...], Fit] = {}
+    for fit in search.fits:
         fits.setdefault(fit.names, fit)
-    lead = next((fit for fit in search.fitted if not predicted.get(fit.names)), search.fitted[0])
-    temperature, excess = lead.temperature, lead.excess
+    lead = next((fit for fit in search.fits if not predicted.get(fit.names)), search.fits[0])
+    temperature, excess = lead.temperature, lead.misfit_temperature
     evidence: dict[tuple[str, ...], float] = {}
-    stands: dict[tuple[str, ...], Fitted] = {}  # each set in its own fit if that is done, else where it is worth most
-    for fit in search.fitted:
-        for lesser in fit.lesser:
-            names = fit.design.words.names(lesser)
-            if (worth := fit.evidence(temperature, lesser)) > evidence.get(names, -np.inf):
+    stands: dict[tuple[str, ...], Fit] = {}  # each set in its own fit if that is done, else where it is worth most
+    for fit in search.fits:
+        for lesser in fit.subsets:
+            names = fit.sensitivities.candidates.names_of(lesser)
+            if (worth := fit.tempered_evidence(temperature, lesser)) > evidence.get(names, -np.inf):
                 evidence[names], stands[names] = worth, fit
     # a fit that was left on the way tells nothing of its set, where that is worth more within another one
-    own = {names: fit for names, fit in fits.items() if fit.evidence(temperature, fit.atoms) > evidence[names] - BEHIND}
+    own = {
+        names: fit
+        for names, fit in fits.items()
+        if fit.tempered_evidence(temperature, fit.effects) > evidence[names] - MOST_EVIDENCE_DEFICIT
+    }
     stands |= own
-    linear = next(s.evidence for s in search.screened if not s.atoms)
+    linear = next(s.evidence for s in search.screened if not s.effects)
     large: dict[tuple[str, ...], float] = {}
     for s in search.screened:  # those that were not worth a fit, as far from none as in the linear model at most
-        names = tuple(words.atoms[k].name for k in s.atoms)
+        names = tuple(words.members[k].name for k in s.effects)
         if names not in evidence:
             evidence[names] = evidence[()] + min(s.evidence - linear, 0.0) / excess
-            large[names] = s.large
-    weight = _weigh(evidence, large, predicted)
+            large[names] = s.presence_probability
+    weight = _weigh_hypotheses(evidence, large, predicted)
     for names in sorted(fits, key=len):
-        if (more := _more(fits[names])) != names and evidence.get(more, -np.inf) > evidence[names] - BEHIND:
+        if (more := _add_shifted_base_parameters(fits[names])) != names and evidence.get(more, -np.inf) > evidence[
+            names
+        ] - MOST_EVIDENCE_DEFICIT:
             weight[more] += weight[names]
             weight[names] = 0.0
-    place = {atom.name: atom.place for fit in fits.values() for atom in fit.design.words.atoms}
-    seen = {fit: _counted(fit) for fit in set(stands.values())}
+    place = {atom.name: atom.place for fit in fits.values() for atom in fit.sensitivities.candidates.members}
+    seen = {fit: _relate_to_least_sizes(fit) for fit in set(stands.values())}
     for names in sorted(stands, key=len, reverse=True):
-        less = _less(names, seen[stands[names]], evidence, place)
+        less = _drop_negligible(names, seen[stands[names]], evidence, place)
         if less != names:
             weight[less if less in weight else ()] += weight[names]
             weight[names] = 0.0
@@ -190,16 +214,16 @@ def decide(search: Search, predicted: Mapping[tuple[str, ...], float] = MappingP
     order = sorted(weight, key=lambda names: (-weight[names], names))
     left = lead  # what even the best of all leaves
     # what is too small to count tells nothing of a gap: where that leads, none leaves what the best does
-    strange = _strange(left, fits[()] if order[0] else left)
-    unknown = float(strange / (1.0 + strange)) if strange > NEGLIGIBLE else 0.0
+    strange = _compute_unknown_odds(left, fits[()] if order[0] else left)
+    unknown = float(strange / (1.0 + strange)) if strange > NEGLIGIBLE_UNKNOWN_ODDS else 0.0
     hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), own.get(names)) for names in order]
-    joint = int(np.argmax(left.unexplained)) + 1
+    joint = int(np.argmax(left.unexplained_torque)) + 1
     if unknown:
         hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))
-    return decided(hypotheses, left)
+    return conclude_verdict(hypotheses, left)
 
 
-def _weigh(
+def _weigh_hypotheses(
     evidence: Mapping[tuple[str, ...], float],
     large: Mapping[tuple[str, ...], float],
     predicted: Mapping[tuple[str, ...], float],
@@ -211,14 +235,14 @@ def _weigh(
     count = sum(len(names) == 1 for names in evidence)
     told = {names: e + predicted.get(names, predicted.get((), 0.0)) for names, e in evidence.items()}
     top = max(told.values())
-    weight = {names: _prior(len(names), count) * float(np.exp(value - top)) for names, value in told.items()}
+    weight = {names: _compute_prior(len(names), count) * float(np.exp(value - top)) for names, value in told.items()}
     for names, share in large.items():
         weight[()] += (1.0 - share) * weight[names]
         weight[names] *= share
     return weight
 
 
-def decided(hypotheses: list[Hypothesis], left: Fitted) -> Decision:
+def conclude_verdict(hypotheses: list[Hypothesis], left: Fit) -> Decision:
     """Conclude the verdict from the hypotheses.
 
     It is the most probable hypothesis, or no effect where that is in doubt. Its probability is calibrated; the others
@@ -232,15 +256,15 @@ def decided(hypotheses: list[Hypothesis], left: Fitted) -> Decision:
         The decision.
 
     """
-    known = [h for h in hypotheses if not h.unknown]
+    known = [h for h in hypotheses if not h.is_unknown]
     said, none = max(known, key=lambda h: h.probability), next(h for h in known if not h.names)
-    strange = next((h for h in hypotheses if h.unknown), None)
+    strange = next((h for h in hypotheses if h.is_unknown), None)
     named = sum(h.probability for h in known) - none.probability  # what takes each other's place makes nothing unknown
     if strange and strange.probability > max(named, none.probability):
         said = strange
-    elif none.probability > DOUBT:
+    elif none.probability > NO_EFFECT_THRESHOLD:
         said = none
-    believed = calibration.read().believed(said.probability)
+    believed = calibration.read().calibrate(said.probability)
     others = [h for h in hypotheses if h is not said]
     rest = sum(h.probability for h in others)
     shares = [h.probability / rest if rest > 0.0 else 1.0 / len(others) for h in others]
@@ -249,33 +273,38 @@ def decided(hypotheses: list[Hypothesis], left: Fitted) -> Decision:
     return Decision(tuple(found), said.names, believed, said.probability, said.fit or left)
 
 
-def _strange(left: Fitted, none: Fitted) -> float:
+def _compute_unknown_odds(left: Fit, none: Fit) -> float:
     """Odds of an effect that is not among the candidates.
 
     They are large where much torque stays unexplained, and where the named effects explain little of the error that no
     effect leaves. That share is measured by evidence, which is logarithmic in a large error, and by torque, which says
     little of a saturation or an encoder. A real machine always leaves some torque.
     """
-    lacks = [max(fit.clean - fit.reached, LEAST) for fit in (left, none)]
-    torques = [max(float(np.linalg.norm(fit.unexplained)), LEAST) for fit in (left, none)]
-    size = min(max(torques[0] / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1]), PLAIN)
+    lacks = [max(fit.noise_only_evidence - fit.evidence_here, SMALLEST_POSITIVE) for fit in (left, none)]
+    torques = [max(float(np.linalg.norm(fit.unexplained_torque)), SMALLEST_POSITIVE) for fit in (left, none)]
+    size = min(
+        max(torques[0] / UNKNOWN_MIDPOINTS[0], (left.score.posterior.noise_level - 1.0) / UNKNOWN_MIDPOINTS[1]),
+        LARGEST_UNKNOWN_SIZE,
+    )
     share = min(lacks[0] / lacks[1], torques[0] / torques[1], 1.0)
-    return (size**2 * share / LEFT) ** 2
+    return (size**2 * share / UNKNOWN_REMAINING_SHARE) ** 2
 
 
-def _more(fit: Fitted) -> tuple[str, ...]:
+def _add_shifted_base_parameters(fit: Fit) -> tuple[str, ...]:
     """The set with the base parameters that the fit has moved farther than all but one in a hundred would be."""
-    words, (mean, covariance) = fit.design.words, fit.posterior
+    words, (mean, covariance) = fit.sensitivities.candidates, fit.posterior
     beyond = {
-        words.atoms[c.atom].name
+        words.members[c.candidate].name
         for k, c in enumerate(words.columns)
-        if c.base and c.atom >= 0 and abs(mean[k]) > max(PRESENT, RARE * c.spike)
-        if np.sqrt(covariance[k, k]) < TOLD * c.spike
+        if c.in_every_hypothesis
+        and c.candidate >= 0
+        and abs(mean[k]) > max(PRESENT_SIZE, RARE_PARAMETER_DEVIATION * c.spike_width)
+        if np.sqrt(covariance[k, k]) < INFORMATIVE_STD_RATIO * c.spike_width
     }
     return tuple(sorted(beyond.union(fit.names)))
 
 
-def _less(
+def _drop_negligible(
     names: tuple[str, ...],
     size: Mapping[str, float],
     evidence: Mapping[tuple[str, ...], float],
@@ -288,24 +317,28 @@ def _less(
     large = tuple(name for name in names if size[name] >= 1.0)
     for name in large if large == names else ():
         rest = tuple(n for n in names if n != name)
-        alike = [n for n in rest if _alike(name, n, place)]
+        alike = [n for n in rest if _are_interchangeable(name, n, place)]
         without = tuple(n for n in rest if n not in alike)
-        least = FORM * (evidence.get(rest, np.inf) - evidence.get(without, evidence[()]))
+        least = FORM_CORRECTION_SHARE * (evidence.get(rest, np.inf) - evidence.get(without, evidence[()]))
         if alike and evidence[names] - evidence.get(rest, -np.inf) < least:
             return rest
     return large
 
 
-def _alike(one: str, other: str, place: Mapping[str, str]) -> bool:
+def _are_interchangeable(one: str, other: str, place: Mapping[str, str]) -> bool:
     """Whether both effects act between the encoders of the same joint, or are friction of the same motor.
 
     No machine has exactly the formula of either. A wall acts beyond one angle alone, and corrects no gear's formula.
     """
-    gear = {place[n] in GEAR and not n.startswith("contact@") for n in (one, other)}
+    gear = {place[n] in PLACES_BETWEEN_ENCODERS and not n.startswith("contact@") for n in (one, other)}
     friction = {"_friction@" in n for n in (one, other)}
     return one.partition("@")[2] == other.partition("@")[2] and {True} in (gear, friction)
 
 
-def _prior(effects: int, count: int) -> float:
+def _compute_prior(effects: int, count: int) -> float:
     """Prior probability of one set with so many ``effects``, of ``count`` candidates."""
-    return NONE if not effects else (1 - NONE) / count * (FURTHER / count) ** (effects - 1)
+    return (
+        PRIOR_NO_EFFECT
+        if not effects
+        else (1 - PRIOR_NO_EFFECT) / count * (PRIOR_FURTHER_EFFECT / count) ** (effects - 1)
+    )

@@ -10,21 +10,26 @@ import numpy as np
 
 from hdagen.adoption import verdict
 from hdagen.arm.arm_parameters import Parameter
-from hdagen.diagnosis.decision.identifiability import Told
-from hdagen.diagnosis.decision.posterior import SURE, Decision
-from hdagen.diagnosis.decision.separating_experiments import separate_by
-from hdagen.diagnosis.inference.candidate_priors import PRESENT, SILENT
-from hdagen.diagnosis.inference.local_fit import Fitted
-from hdagen.diagnosis.search.fit_order import first_whole
-from hdagen.diagnosis.search.hypothesis_search import Search
+from hdagen.diagnosis.decision.identifiability import Identifiability
+from hdagen.diagnosis.decision.posterior import SURE_BELOW, Decision
+from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
+from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE, SILENT_SPIKE_WIDTH
+from hdagen.diagnosis.inference.local_fit import Fit
+from hdagen.diagnosis.search.fit_order import first_with_columns
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
-LEANS = {"tilt_x": "gravity_x", "tilt_y": "gravity_y"}  # a small tilt of the base, and the gravity it is equal to
-SAID = 2.0  # standard deviations of one of several sizes of an effect, from which it counts as present
-END = 1e-9  # of an end of a parameter's range, or of its nominal, within which it stands at that end
-LIKELY = 0.01  # probability from which another cause is named as confounded
+TILT_EQUIVALENTS = {
+    "tilt_x": "gravity_x",
+    "tilt_y": "gravity_y",
+}  # a small tilt of the base, and the gravity it is equal to
+PRESENT_FROM_DEVIATIONS = (
+    2.0  # standard deviations of one of several sizes of an effect, from which it counts as present
+)
+BOUND_TOLERANCE = 1e-9  # of an end of a parameter's range, or of its nominal, within which it stands at that end
+LEAST_ALTERNATIVE_PROBABILITY = 0.01  # probability from which another cause is named as confounded
 
 
-def findings(found: Search, decision: Decision) -> dict[str, Any]:
+def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]:
     """Describe a decision as diagnosis.json has it.
 
     Args:
@@ -36,52 +41,54 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
 
     """
     best = decision.best
-    place = {atom.name: atom.place for fit in found.fitted for atom in fit.design.words.atoms}
+    place = {atom.name: atom.place for fit in found.fits for atom in fit.sensitivities.candidates.members}
     named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown@"))
-    likely = {name: decision.marginal(name) for name in named}
+    likely = {name: decision.marginal_probability(name) for name in named}
     whole = best
-    if not best.whole:
-        whole = first_whole(found.fitted)
-    told = Told(whole, found.fitted[0].temperature)
-    unseen: Sequence[str] | None = decision.unseen
+    if not best.has_columns:
+        whole = first_with_columns(found.fits)
+    told = Identifiability(whole, found.fits[0].temperature)
+    unseen: Sequence[str] | None = decision.undetectable
     if unseen is None:
-        unseen = told.unseen()
+        unseen = told.find_undetectable()
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
-        others = [o for o in likely if _instead(decision, name, o) > LIKELY]
-        if name in decision.verdict and name in told.columns and not decision.lasting:
-            others += told.beside(name)
+        others = [
+            o for o in likely if _compute_alternative_probability(decision, name, o) > LEAST_ALTERNATIVE_PROBABILITY
+        ]
+        if name in decision.verdict and name in told.columns and not decision.is_long_horizon:
+            others += told.find_confusable(name)
         others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
-        causes.append(_cause(name, likely[name], _parameters(name, fit, decision), others))
+        causes.append(_describe_cause(name, likely[name], _list_parameters(name, fit, decision), others))
     return {
         "schema": verdict.SCHEMA,
         "verdict": list(decision.verdict),
-        "sure": decision.sure,
-        "where": [_where(entry, place.get(entry, "motor")) for entry in decision.verdict],
+        "sure": decision.is_sure,
+        "where": [_locate_entry(entry, place.get(entry, "motor")) for entry in decision.verdict],
         "causes": causes,
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
-        "parameters": estimate_base(best),
+        "parameters": estimate_base_parameters(best),
         "unseen": [name for name in unseen if name not in decision.verdict],
         "method": {
-            "calibrated": not decision.lasting,  # sealed checks have too few such cases
-            "uncalibrated": decision.stated,
-            "present_from": PRESENT,
-            "sure_below": SURE,
-            "tolerated_share": best.design.words.share,
-            "unexplained_torque": best.score.at.s,
-            "noise_scale": math.sqrt(best.score.at.level),
+            "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
+            "uncalibrated": decision.uncalibrated_probability,
+            "present_from": PRESENT_SIZE,
+            "sure_below": SURE_BELOW,
+            "tolerated_share": best.sensitivities.candidates.spike_scale,
+            "unexplained_torque": best.score.posterior.s,
+            "noise_scale": math.sqrt(best.score.posterior.noise_level),
         },
     }
 
 
-def _instead(decision: Decision, name: str, other: str) -> float:
+def _compute_alternative_probability(decision: Decision, name: str, other: str) -> float:
     """The probability that another effect takes the place of this one.
 
     Hypotheses in which it stands for another effect of the verdict do not count. It is 0 for an effect with direct
     evidence.
     """
-    if name == other or name in decision.beside:
+    if name == other or name in decision.direct_evidence:
         return 0.0
     rest: set[str] = set()
     if name in decision.verdict:
@@ -91,24 +98,26 @@ def _instead(decision: Decision, name: str, other: str) -> float:
     )
 
 
-def _where(entry: str, place: str) -> dict[str, Any]:
+def _locate_entry(entry: str, place: str) -> dict[str, Any]:
     """Joint and place of an effect; its share, and when it acts, are filled in later."""
     return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "interval": None, "when": ""}
 
 
-def _parameters(name: str, fit: Fitted | None, decision: Decision) -> dict[str, Any]:
+def _list_parameters(name: str, fit: Fit | None, decision: Decision) -> dict[str, Any]:
     """Parameters of a candidate, from its fit or from direct evidence; the latter have no standard deviation."""
-    if fit is None and name not in decision.beside:
+    if fit is None and name not in decision.direct_evidence:
         return {}
-    if name not in decision.beside:
+    if name not in decision.direct_evidence:
         assert fit
-        return estimates(fit, next(k for k in fit.atoms if fit.design.words.atoms[k].name == name))
-    described = decision.best.design.shooting.arm.parameters.described
-    read_off = decision.beside[name].items()
+        return estimate_parameters(
+            fit, next(k for k in fit.effects if fit.sensitivities.candidates.members[k].name == name)
+        )
+    described = decision.best.sensitivities.shooting.arm.parameters.described
+    read_off = decision.direct_evidence[name].items()
     return {key: {"value": value, "std": None, "unit": described[key].unit, "end": None} for key, value in read_off}
 
 
-def _cause(name: str, probability: float, parameters: dict[str, Any], confounded: list[str]) -> dict[str, Any]:
+def _describe_cause(name: str, probability: float, parameters: dict[str, Any], confounded: list[str]) -> dict[str, Any]:
     """A candidate that was tried, as an entry of `causes`."""
     effect, _, joint = name.partition("@")
     suffix = ""
@@ -120,11 +129,11 @@ def _cause(name: str, probability: float, parameters: dict[str, Any], confounded
         "probability": probability,
         "parameters": {key.removesuffix(suffix): value for key, value in parameters.items()},
         "confounded_with": confounded,
-        "separate_by": separate_by(name, confounded),
+        "separate_by": suggest_experiments(name, confounded),
     }
 
 
-def estimates(fit: Fitted, atom: int) -> dict[str, Any]:
+def estimate_parameters(fit: Fit, atom: int) -> dict[str, Any]:
     """Estimate the parameters of one candidate from a fit.
 
     A log may determine one of several sizes of an effect and leave another one open. The open one stays at its nominal
@@ -138,22 +147,24 @@ def estimates(fit: Fitted, atom: int) -> dict[str, Any]:
         By parameter its value, std, unit and end of range, in SI. The shapes of the candidate have no std.
 
     """
-    words, described = fit.design.words, fit.design.shooting.arm.parameters.described
+    words, described = fit.sensitivities.candidates, fit.sensitivities.shooting.arm.parameters.described
     columns, (mean, covariance) = words.columns, fit.posterior
-    free, std = words.free((atom,)), np.sqrt(np.diagonal(covariance))
+    free, std = words.amplitude_columns((atom,)), np.sqrt(np.diagonal(covariance))
     told = np.diagonal(np.linalg.inv(covariance / std / std[:, None]))  # 1 where no other parameter compensates
     alone = (std / np.sqrt(np.maximum(told, 1.0)))[free]  # std, all others being held
     spread = {columns[k].parameter: float(std[k]) * columns[k].unit for k in free}
-    names = (*spread, *words.atoms[atom].shapes)
-    found = {name: _estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names}
-    silent = [columns[k] for k, own in zip(free, alone, strict=True) if abs(mean[k]) < SAID * own]
+    names = (*spread, *words.members[atom].shapes)
+    found = {
+        name: _describe_estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names
+    }
+    silent = [columns[k] for k, own in zip(free, alone, strict=True) if abs(mean[k]) < PRESENT_FROM_DEVIATIONS * own]
     if len(silent) < len(free):
         for column in silent:
             found[column.parameter] |= {"value": column.center, "end": None}
     return found
 
 
-def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
+def build_hypothetical_verdict(fit: Fit, names: Sequence[str]) -> verdict.Verdict:
     """Build the verdict that some effects would have at the parameters of a fit.
 
     Args:
@@ -165,13 +176,13 @@ def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
 
     """
     there = [name for name in names if name in fit.names]
-    atoms = {fit.design.words.atoms[k].name: k for k in fit.atoms}
-    causes = [_cause(name, 1.0, estimates(fit, atoms[name]), []) for name in there]
-    said = {"schema": verdict.SCHEMA, "verdict": there, "causes": causes, "parameters": estimate_base(fit)}
-    return verdict.read(said)
+    atoms = {fit.sensitivities.candidates.members[k].name: k for k in fit.effects}
+    causes = [_describe_cause(name, 1.0, estimate_parameters(fit, atoms[name]), []) for name in there]
+    said = {"schema": verdict.SCHEMA, "verdict": there, "causes": causes, "parameters": estimate_base_parameters(fit)}
+    return verdict.read_verdict(said)
 
 
-def estimate_base(best: Fitted) -> dict[str, Any]:
+def estimate_base_parameters(best: Fit) -> dict[str, Any]:
     """Estimate the base parameters of a fit.
 
     No base is quite level: where the fit has no effect for its tilt, the components of gravity have it.
@@ -183,29 +194,29 @@ def estimate_base(best: Fitted) -> dict[str, Any]:
         `parameters` of diagnosis.json: value, std, unit and end of range, in SI.
 
     """
-    described, (_, covariance) = best.design.shooting.arm.parameters.described, best.posterior
+    described, (_, covariance) = best.sensitivities.shooting.arm.parameters.described, best.posterior
     places = {name: k for k, name in enumerate(described)}
-    free = [(k, c) for k, c in enumerate(best.design.words.columns) if c.atom not in best.atoms]
-    spread = {c.parameter: math.sqrt(covariance[k, k]) * c.unit for k, c in free if c.spike > SILENT}
+    free = [(k, c) for k, c in enumerate(best.sensitivities.candidates.columns) if c.candidate not in best.effects]
+    spread = {c.parameter: math.sqrt(covariance[k, k]) * c.unit for k, c in free if c.spike_width > SILENT_SPIKE_WIDTH}
     found = {
-        c.parameter: _estimate(best, described[c.parameter], c.index, spread[c.parameter])
+        c.parameter: _describe_estimate(best, described[c.parameter], c.index, spread[c.parameter])
         for _, c in free
-        if c.base and described[c.parameter].tolerance > 0
+        if c.in_every_hypothesis and described[c.parameter].tolerance > 0
     }
-    for c in (c for _, c in free if c.parameter in LEANS and c.parameter in spread):
-        gravity = described[LEANS[c.parameter]]
-        one = found.get(gravity.name) or _estimate(best, gravity, places[gravity.name], 0.0)
-        leaned = float(best.design.point.p[c.index]) - described[c.parameter].nominal
+    for c in (c for _, c in free if c.parameter in TILT_EQUIVALENTS and c.parameter in spread):
+        gravity = described[TILT_EQUIVALENTS[c.parameter]]
+        one = found.get(gravity.name) or _describe_estimate(best, gravity, places[gravity.name], 0.0)
+        leaned = float(best.sensitivities.point.p[c.index]) - described[c.parameter].nominal
         one |= {"value": one["value"] + leaned, "std": math.hypot(one["std"], spread[c.parameter])}
         prior = gravity.tolerance * abs(gravity.nominal)
-        found[gravity.name] = one | {"prior": math.hypot(prior, c.spike * c.unit)}
+        found[gravity.name] = one | {"prior": math.hypot(prior, c.spike_width * c.unit)}
     return found
 
 
-def _estimate(fit: Fitted, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
+def _describe_estimate(fit: Fit, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
     """Value, std and unit of a parameter; ``end`` is the end of its range that it stands at, if it does."""
-    value, ends = float(fit.design.point.p[place]), {"low": parameter.low, "high": parameter.high}
-    least = {name: END * max(abs(end), abs(parameter.nominal)) for name, end in ends.items()}
+    value, ends = float(fit.sensitivities.point.p[place]), {"low": parameter.low, "high": parameter.high}
+    least = {name: BOUND_TOLERANCE * max(abs(end), abs(parameter.nominal)) for name, end in ends.items()}
     end = next((name for name in ends if abs(value - ends[name]) <= least[name]), None)
     if value == parameter.nominal:
         end = None

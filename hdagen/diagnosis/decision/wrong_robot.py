@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from scipy.special import gammaincc  # scipy.stats would take half a second to import
 
-from hdagen.diagnosis.inference.local_fit import Fitted
+from hdagen.diagnosis.inference.local_fit import Fit
 
-UNLIKELY = 1e-6  # probability of such deviations if the file is right, below which it is refused
-SHOWN = 4  # parameters that are named
+LEAST_FILE_PROBABILITY = 1e-6  # probability of such deviations if the file is right, below which it is refused
+MOST_SHOWN_PARAMETERS = 4  # parameters that are named
 
 
-def foreign(best: Fitted) -> str | None:
+def refuse_wrong_robot(best: Fit) -> str | None:
     """Refuse a robot file whose parameters are too far outside their tolerances.
 
     If the file is right, the sum of squares of its deviations in tolerances is distributed as chi². Parameters that a
@@ -29,15 +29,15 @@ def foreign(best: Fitted) -> str | None:
         The sentence that refuses, or None where the file can be right.
 
     """
-    described = best.design.shooting.arm.parameters.described
+    described = best.sensitivities.shooting.arm.parameters.described
     off = {
-        c.parameter: float(value) / c.spike
-        for c, value in zip(best.design.words.columns, best.posterior[0], strict=True)
-        if c.base and c.atom not in best.atoms and described[c.parameter].tolerance > 0
+        c.parameter: float(value) / c.spike_width
+        for c, value in zip(best.sensitivities.candidates.columns, best.posterior[0], strict=True)
+        if c.in_every_hypothesis and c.candidate not in best.effects and described[c.parameter].tolerance > 0
     }
-    if not off or gammaincc(0.5 * len(off), 0.5 * sum(z**2 for z in off.values())) >= UNLIKELY:
+    if not off or gammaincc(0.5 * len(off), 0.5 * sum(z**2 for z in off.values())) >= LEAST_FILE_PROBABILITY:
         return None
-    first = sorted(off, key=lambda name: -abs(off[name]))[:SHOWN]
+    first = sorted(off, key=lambda name: -abs(off[name]))[:MOST_SHOWN_PARAMETERS]
     said = ", ".join(f"{name} by {abs(off[name]):.1f}" for name in first)
     named = " and ".join(best.names) or "no effect"
     return (

@@ -13,17 +13,17 @@ from collections.abc import Callable
 from typing import Any
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import gap
-from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import Decision
-from hdagen.diagnosis.holdout.unexplained_remainder import SHARE
-from hdagen.diagnosis.holdout.unseen_motion import UnseenMotion
-from hdagen.diagnosis.holdout.verdict_withdrawal import NOTHING, leave_errors, use_whole
+from hdagen.diagnosis.holdout.unexplained_remainder import NAMED_REMAINDER_SHARE
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
+from hdagen.diagnosis.holdout.verdict_withdrawal import UNCLOSED_SHARE, build_fitted_arm, measure_remaining_errors
 from hdagen.prediction.window_replay import Replay
 
 
 def find_contradiction(
-    plain: Arm, decision: Decision, shown: Portion, simulate: Callable[[Arm], Replay], motion: UnseenMotion
+    plain: Arm, decision: Decision, shown: LogPortion, simulate: Callable[[Arm], Replay], motion: HoldoutMotion
 ) -> dict[str, Any] | None:
     """Compare the verdict of a log with a hold-out.
 
@@ -45,18 +45,18 @@ def find_contradiction(
     """
     if not _leaves_all(motion, motion.flexible):  # costs no simulation
         return None
-    whole = use_whole(decision)
+    whole = build_fitted_arm(decision)
     after = motion.simulate(whole)
     other = motion.measure_gap(after)
-    if not (_leaves_all(motion, after) and other["interval"] and other["interval"][1] <= 1.0 - NOTHING):
+    if not (_leaves_all(motion, after) and other["interval"] and other["interval"][1] <= 1.0 - UNCLOSED_SHARE):
         return None
-    own = gap(simulate(plain), simulate(whole), shown)
-    if not (own["interval"] and own["interval"][0] >= 1.0 - SHARE):
+    own = evaluate_gap(simulate(plain), simulate(whole), shown)
+    if not (own["interval"] and own["interval"][0] >= 1.0 - NAMED_REMAINDER_SHARE):
         return None
     left = other["after"] / other["before"]
     return {"verdict": list(decision.verdict), "closed": own["shrink"], "left": left}
 
 
-def _leaves_all(motion: UnseenMotion, after: Replay) -> bool:
+def _leaves_all(motion: HoldoutMotion, after: Replay) -> bool:
     """Tell whether a replay closes next to nothing of any joint's error."""
-    return min(leave_errors(motion.before, after, motion.portion).values(), default=0.0) >= NOTHING
+    return min(measure_remaining_errors(motion.before, after, motion.portion).values(), default=0.0) >= UNCLOSED_SHARE

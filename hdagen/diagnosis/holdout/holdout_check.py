@@ -9,16 +9,22 @@ from typing import Any
 
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.decision.direct_evidence import Sure, beside
+from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, add_direct_evidence
 from hdagen.diagnosis.decision.posterior import Decision
-from hdagen.diagnosis.decision.verdict_content import estimate_base, findings
+from hdagen.diagnosis.decision.verdict_content import describe_decision, estimate_base_parameters
 from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion
 from hdagen.diagnosis.holdout.small_effects import drop_small_effects
-from hdagen.diagnosis.holdout.unseen_motion import UnseenMotion
-from hdagen.diagnosis.holdout.verdict_withdrawal import borne_out, doubted, known, outsized, stands
-from hdagen.diagnosis.inference.local_fit import Fitted
-from hdagen.diagnosis.search.fit_order import best_first
-from hdagen.diagnosis.search.hypothesis_search import Search
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
+from hdagen.diagnosis.holdout.verdict_withdrawal import (
+    doubt_on_holdout,
+    is_at_bound,
+    remove_unknown,
+    reweigh_unknown,
+    withdraw_harmful,
+)
+from hdagen.diagnosis.inference.local_fit import Fit
+from hdagen.diagnosis.search.fit_order import sort_by_evidence
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.prediction.window_replay import Replay
 
 
@@ -34,19 +40,20 @@ class Statement:
 
 
 @dataclass(frozen=True, eq=False)
-class Judge:
-    """Judges the result ``found`` of a search on a ``motion`` that it did not see.
+class HoldoutJudge:
+    """Judges the result ``search_result`` of a search on a ``motion`` that it did not see.
 
-    ``plain`` is the robot file's model, ``arm`` the one with every effect; ``direct`` are effects with direct evidence.
+    ``nominal_arm`` is the robot file's model, ``arm`` the one with every effect; ``direct`` are effects with direct
+    evidence.
     """
 
-    plain: Arm
+    nominal_arm: Arm
     arm: Arm
-    found: Search
-    direct: Sequence[Sure]
-    motion: UnseenMotion
+    search_result: SearchResult
+    direct_evidence: Sequence[DirectEvidence]
+    motion: HoldoutMotion
 
-    def state(self, decision: Decision, *further: UnseenMotion) -> Statement:
+    def state_decision(self, decision: Decision, *further: HoldoutMotion) -> Statement:
         """State a decision as far as it closes the gap on the motion, and on further ones.
 
         Args:
@@ -61,13 +68,13 @@ class Judge:
 
         """
         motions = list(dict.fromkeys((self.motion, *further)))
-        content = findings(self.found, decision)
-        none = next(fit for fit in best_first(self.found.fitted) if not fit.names)
+        content = describe_decision(self.search_result, decision)
+        none = next(fit for fit in sort_by_evidence(self.search_result.fits) if not fit.names)
         model = choose_model(self.arm, decision, content)
-        arm, after = stands(self.plain, model, content, motions, estimate_base(none))
+        arm, after = withdraw_harmful(self.nominal_arm, model, content, motions, estimate_base_parameters(none))
         return Statement(decision, content, arm, after)
 
-    def name_known(self, strange: Decision) -> Decision | None:
+    def try_known_effects(self, strange: Decision) -> Decision | None:
         """Name known effects in place of something unknown, where the motion confirms them.
 
         Args:
@@ -80,15 +87,15 @@ class Judge:
             PlantError: a model cannot be simulated.
 
         """
-        if not (without_it := known(strange)).verdict:
+        if not (without_it := remove_unknown(strange)).verdict:
             return None
-        alone = self._with_leading_set(without_it)
-        if alone.decision.best is not without_it.best and not alone.decision.beside:
+        alone = self._state_leading_set(without_it)
+        if alone.decision.best is not without_it.best and not alone.decision.direct_evidence:
             strange = replace(strange, hypotheses=alone.decision.hypotheses, best=alone.decision.best)
-        tried = borne_out(strange, alone.content["verdict"], self.motion, alone.after)
-        return None if tried.unknown or outsized(alone.content) else tried
+        tried = reweigh_unknown(strange, alone.content["verdict"], self.motion, alone.after)
+        return None if tried.is_unknown or is_at_bound(alone.content) else tried
 
-    def settle(self, decision: Decision, last: UnseenMotion) -> Statement:
+    def settle_decision(self, decision: Decision, last: HoldoutMotion) -> Statement:
         """Check a decision on the motion, and state it.
 
         Args:
@@ -102,13 +109,13 @@ class Judge:
             PlantError: a model cannot be simulated.
 
         """
-        told, judged_so = self.check(decision)
+        told, judged_so = self.check_decision(decision)
         if last is not self.motion:
-            told = self.state(told.decision, last)
+            told = self.state_decision(told.decision, last)
         told.content.update(judged_so | {"contradicted": None})
         return told
 
-    def withhold(self, decision: Decision, last: UnseenMotion, contradicted: dict[str, Any]) -> Statement:
+    def withhold_verdict(self, decision: Decision, last: HoldoutMotion, contradicted: dict[str, Any]) -> Statement:
         """State that there is no verdict, as the hold-out contradicts the log.
 
         Args:
@@ -120,60 +127,60 @@ class Judge:
             The statement.
 
         """
-        content = findings(self.found, replace(decision, verdict=()))
+        content = describe_decision(self.search_result, replace(decision, verdict=()))
         content |= {"sure": False, "parameters": {}, "gap": last.measure_gap(last.before)}
         content |= {"doubted": None, "alone": self._list_direct(), "small": [], "contradicted": contradicted}
-        return Statement(decision, content, self.plain, last.before)
+        return Statement(decision, content, self.nominal_arm, last.before)
 
-    def check(self, decision: Decision) -> tuple[Statement, dict[str, Any]]:
+    def check_decision(self, decision: Decision) -> tuple[Statement, dict[str, Any]]:
         """Check a decision on the motion: add direct evidence, doubt, and drop small effects.
 
         Args:
             decision: to be checked.
 
         Returns:
-            The statement, and ``doubted``, ``alone`` and ``small`` of diagnosis.json.
+            The statement, and ``doubt_on_holdout``, ``alone`` and ``small`` of diagnosis.json.
 
         Raises:
             PlantError: a model cannot be simulated.
 
         """
-        stated = self._with_leading_set(decision)
-        fitted: dict[tuple[str, ...], Fitted] = {}
-        for fit in best_first(self.found.fitted):
+        stated = self._state_leading_set(decision)
+        fitted: dict[tuple[str, ...], Fit] = {}
+        for fit in sort_by_evidence(self.search_result.fits):
             fitted.setdefault(fit.names, fit)
-        checked, doubt = doubted(stated.decision, fitted, stated.content["verdict"], self.motion, stated.after)
+        checked, doubt = doubt_on_holdout(stated.decision, fitted, stated.content["verdict"], self.motion, stated.after)
         if doubt:
-            stated = self._with_direct(checked)
-        direct = [one.name for one in self.direct]
+            stated = self._state_with_direct_evidence(checked)
+        direct = [one.name for one in self.direct_evidence]
         measure = partial(self._measure, stated)
         checked, small = drop_small_effects(stated.decision, fitted, measure, direct)
         if small:
-            stated = self.state(checked)
+            stated = self.state_decision(checked)
         return stated, {"doubted": doubt, "alone": self._list_direct(), "small": small}
 
-    def _with_leading_set(self, decision: Decision) -> Statement:
+    def _state_leading_set(self, decision: Decision) -> Statement:
         """The statement with direct evidence, of the set of effects that leads on the motion."""
-        stated = self._with_direct(decision)
+        stated = self._state_with_direct_evidence(decision)
         leading = lead_on_unseen_motion(stated.decision, partial(self._measure, stated))
-        return stated if leading is stated.decision else self._with_direct(leading)
+        return stated if leading is stated.decision else self._state_with_direct_evidence(leading)
 
     def _measure(self, stated: Statement, decision: Decision) -> dict[str, Any]:
         """The gap with a decision; that of the ``stated`` one is known."""
-        told = stated if decision is stated.decision else self.state(decision)
+        told = stated if decision is stated.decision else self.state_decision(decision)
         return dict(told.content["gap"])
 
     def _list_direct(self) -> list[dict[str, Any]]:
         """`alone` of diagnosis.json."""
-        return [one.content for one in self.direct]
+        return [one.content for one in self.direct_evidence]
 
-    def _with_direct(self, decision: Decision) -> Statement:
+    def _state_with_direct_evidence(self, decision: Decision) -> Statement:
         """The statement with direct evidence, or without it where the motion does not confirm it."""
-        if (more := beside(decision, self.direct)) is not decision:
-            stated = self.state(more)
+        if (more := add_direct_evidence(decision, self.direct_evidence)) is not decision:
+            stated = self.state_decision(more)
             if stated.content["verdict"] == list(more.verdict):
                 return stated
-        return self.state(decision)
+        return self.state_decision(decision)
 
 
 def choose_model(arm: Arm, decision: Decision, content: dict[str, Any]) -> Arm:
@@ -188,13 +195,15 @@ def choose_model(arm: Arm, decision: Decision, content: dict[str, Any]) -> Arm:
         The arm, or the model with springs where the arm lacks parameters of the verdict.
 
     """
-    said = verdict.read(content)
+    said = verdict.read_verdict(content)
     described = arm.parameters.described
-    lacks = any(name not in described for name in (*said.parameters, *said.base))
-    return decision.best.design.shooting.arm if lacks else arm
+    lacks = any(name not in described for name in (*said.effect_parameters, *said.base_parameters))
+    return decision.best.sensitivities.shooting.arm if lacks else arm
 
 
-def choose(decision: Decision, judge: Judge, search_long_windows: Callable[[Decision], Decision | None]) -> Decision:
+def choose_decision(
+    decision: Decision, judge: HoldoutJudge, search_long_windows: Callable[[Decision], Decision | None]
+) -> Decision:
     """Choose the decision where something unknown may be present.
 
     Args:
@@ -209,10 +218,10 @@ def choose(decision: Decision, judge: Judge, search_long_windows: Callable[[Deci
         PlantError: a model cannot be simulated.
 
     """
-    if not decision.unknown:
+    if not decision.is_unknown:
         return decision
-    if (better := judge.name_known(decision)) is not None:
+    if (better := judge.try_known_effects(decision)) is not None:
         return better
     lasting = search_long_windows(decision)
-    better = judge.name_known(lasting) if lasting else None
+    better = judge.try_known_effects(lasting) if lasting else None
     return better or decision

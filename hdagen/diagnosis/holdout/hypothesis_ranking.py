@@ -10,18 +10,23 @@ from typing import Any
 
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import spread
-from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.data.gap import bootstrap_gaps
+from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
-from hdagen.diagnosis.decision.verdict_content import hypothetical
+from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict
 from hdagen.prediction.window_replay import Replay
-from hdagen.support.parallel import together
+from hdagen.support.parallel import map_in_threads
 
-MOST = 3  # hypotheses beside no effect and the verdict: each costs one replay
+MOST_RANKED_HYPOTHESES = 3  # hypotheses beside no effect and the verdict: each costs one replay
 
 
-def ladder(
-    decision: Decision, said: Sequence[str], before: Replay, after: Replay, held: Portion, seen: Callable[[Arm], Replay]
+def rank_hypotheses(
+    decision: Decision,
+    said: Sequence[str],
+    before: Replay,
+    after: Replay,
+    held: LogPortion,
+    seen: Callable[[Arm], Replay],
 ) -> list[dict[str, Any]]:
     """Rank the leading hypotheses by their gap on held-out motion.
 
@@ -46,11 +51,13 @@ def ladder(
     """
     stated = tuple(said)
     fitted = [h for h in decision.hypotheses if h.fit and h.names != stated]
-    tried = [h for h in fitted if not h.names] + [h for h in fitted if h.names][:MOST]
+    tried = [h for h in fitted if not h.names] + [h for h in fitted if h.names][:MOST_RANKED_HYPOTHESES]
 
     def replayed(one: Hypothesis) -> Replay:
         assert one.fit
-        return seen(verdict.applied(one.fit.design.shooting.arm, hypothetical(one.fit, one.names))[0])
+        return seen(
+            verdict.apply_verdict(one.fit.sensitivities.shooting.arm, build_hypothetical_verdict(one.fit, one.names))[0]
+        )
 
     probability = None
     if stated == decision.verdict:
@@ -60,7 +67,7 @@ def ladder(
         *(("hypothesis", h.names, h.probability) for h in tried),
         ("verdict", stated, probability),
     ]
-    left = spread(before, [before, *together(replayed, tried), after], held)
+    left = bootstrap_gaps(before, [before, *map_in_threads(replayed, tried), after], held)
     found = [
         {"model": model, "effects": list(names), "probability": p, "gap": value, "interval": interval}
         for (model, names, p), (value, interval) in zip(rungs, left, strict=True)
@@ -68,12 +75,12 @@ def ladder(
     return sorted(found, key=lambda one: -float(one["gap"]))
 
 
-def left_by(cause: Mapping[str, Any], rungs: Sequence[Mapping[str, Any]]) -> float | None:
+def find_gap_after(cause: Mapping[str, Any], rungs: Sequence[Mapping[str, Any]]) -> float | None:
     """Find the smallest gap of all hypotheses that have a cause.
 
     Args:
         cause: an entry of `causes` of diagnosis.json.
-        rungs: `ladder` of diagnosis.json.
+        rungs: `rank_hypotheses` of diagnosis.json.
 
     Returns:
         That gap in multiples of the noise; None where no hypothesis with the cause was replayed.

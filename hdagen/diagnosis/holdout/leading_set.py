@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from hdagen.diagnosis.data.gap import ABOVE
+from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 
-SEVERAL = 3.0  # times what another set leaves of the gap, from which on a set does not lead
-TRIED = 4  # sets beside the leading one: each costs a replay of held-out motion
-LEAST_ODDS = 1 / 4  # of the set that led, beside the one that took its place
+LEADING_GAP_RATIO = 3.0  # times what another set leaves of the gap, from which on a set does not lead
+MOST_TRIED_SETS = 4  # sets beside the leading one: each costs a replay of held-out motion
+FORMER_LEADER_ODDS = 1 / 4  # of the set that led, beside the one that took its place
 
 Gap = Mapping[str, Any]  # `gap` of diagnosis.json
 
@@ -32,16 +32,16 @@ def lead_on_unseen_motion(decision: Decision, measure: Callable[[Decision], Gap]
         The decision, or that for the set that leaves least, the most probable of the others that were fitted.
 
     """
-    if decision.unknown or decision.beside or not decision.verdict:
+    if decision.is_unknown or decision.direct_evidence or not decision.verdict:
         return decision
     left = float(measure(decision)["after"])
-    if left <= ABOVE:
+    if left <= SIGNIFICANT_NOISE_MULTIPLE:
         return decision
-    others = [h for h in decision.hypotheses if h.names and h.names != decision.verdict and h.fit and not h.unknown]
-    tried = [exchange_leader(decision, one) for one in others[:TRIED]]
+    others = [h for h in decision.hypotheses if h.names and h.names != decision.verdict and h.fit and not h.is_unknown]
+    tried = [exchange_leader(decision, one) for one in others[:MOST_TRIED_SETS]]
     gaps = {one.verdict: float(measure(one)["after"]) for one in tried}
     best = min(tried, key=lambda one: gaps[one.verdict], default=decision)
-    return best if gaps.get(best.verdict, left) * SEVERAL < left else decision
+    return best if gaps.get(best.verdict, left) * LEADING_GAP_RATIO < left else decision
 
 
 def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:
@@ -59,7 +59,7 @@ def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:
     assert other.fit is not None
     lead = next(h for h in decision.hypotheses if h.names == decision.verdict)
     both = lead.probability + other.probability
-    kept = both * LEAST_ODDS / (1.0 + LEAST_ODDS)
+    kept = both * FORMER_LEADER_ODDS / (1.0 + FORMER_LEADER_ODDS)
     first, second = replace(other, probability=both - kept), replace(lead, probability=kept)
     rest = [h for h in decision.hypotheses if h not in (lead, other)]
     found = sorted([first, second, *rest], key=lambda h: -h.probability)
@@ -68,6 +68,6 @@ def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:
         hypotheses=tuple(found),
         verdict=other.names,
         probability=first.probability,
-        stated=first.probability,
+        uncalibrated_probability=first.probability,
         best=other.fit,
     )

@@ -2,8 +2,8 @@
 
 With short windows, each set has its own torques that no effect explains. Where a machine has such torques they grow
 until they stand in for a friction that changes as slowly, and then all sets look alike. A simulation over windows of
-`hdagen.prediction.window_replay.WINDOW` has no such torque: its error is all that a set does not explain. So a set with
-several times the best set's error does not lead, however likely short windows make it.
+`hdagen.prediction.window_replay.REPLAY_WINDOW` has no such torque: its error is all that a set does not explain. So a
+set with several times the best set's error does not lead, however likely short windows make it.
 
 A block of a second counts as one observation of unknown scale, with the likelihood 1 / e. Of B blocks a set loses, of
 its log odds,
@@ -26,20 +26,22 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import block_errors
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.inference.local_fit import Fitted
+from hdagen.diagnosis.data.gap import measure_block_errors
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_order import charge_effects
-from hdagen.diagnosis.search.hypothesis_search import Search
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.prediction.window_replay import Replay
-from hdagen.support.parallel import together
+from hdagen.support.parallel import map_in_threads
 
-MARGIN = 1.5  # times the best set's error, up to which short windows decide; `standing.MOST` grants the same
-MOST = 8  # sets beside the null model: each costs a replay of the log
+ERROR_MARGIN = (
+    1.5  # times the best set's error, up to which short windows decide; `standing.MOST_REPLAYED_SETS` grants the same
+)
+MOST_REPLAYED_SETS = 8  # sets beside the null model: each costs a replay of the log
 
 
 def weigh_predictions(
-    found: Search, shown: Portion, replay: Callable[[Arm], Replay]
+    found: SearchResult, shown: LogPortion, replay: Callable[[Arm], Replay]
 ) -> Mapping[tuple[str, ...], float]:
     """Compute the log odds that prediction over long windows costs the fitted sets.
 
@@ -50,18 +52,18 @@ def weigh_predictions(
 
     Returns:
         For the null model and each of the most promising sets, by their names: 0, or less for a set whose error exceeds
-        `MARGIN` times the best one's.
+        `ERROR_MARGIN` times the best one's.
 
     Raises:
         PlantError: a model cannot be simulated.
 
     """
-    sets: dict[tuple[str, ...], Fitted] = {}
-    for fit in sorted(found.fitted, key=lambda fit: -charge_effects(fit.reached, fit, fit.excess)):
-        if not fit.atoms or len(sets) <= MOST:
+    sets: dict[tuple[str, ...], Fit] = {}
+    for fit in sorted(found.fits, key=lambda fit: -charge_effects(fit.evidence_here, fit, fit.misfit_temperature)):
+        if not fit.effects or len(sets) <= MOST_REPLAYED_SETS:
             sets.setdefault(fit.names, fit)
-    arms = [fit.design.shooting.arm.at(fit.design.point.p) for fit in sets.values()]
-    lost = compare_errors(block_errors(together(replay, arms), shown))
+    arms = [fit.sensitivities.shooting.arm.with_parameters(fit.sensitivities.point.p) for fit in sets.values()]
+    lost = compare_errors(measure_block_errors(map_in_threads(replay, arms), shown))
     return dict(zip(sets, lost.tolist(), strict=True))
 
 
@@ -77,4 +79,4 @@ def compare_errors(errors: Array) -> Array:
     """
     logs = np.log(np.maximum(np.where(np.isfinite(errors), errors, np.finfo(float).max), 1.0))
     behind = logs.mean(1) - logs.mean(1).min()
-    return np.asarray(-errors.shape[1] * np.maximum(behind - math.log(MARGIN), 0.0))
+    return np.asarray(-errors.shape[1] * np.maximum(behind - math.log(ERROR_MARGIN), 0.0))

@@ -13,20 +13,20 @@ import numpy as np
 
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import gap
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.decision.verdict_content import LEANS, estimates
-from hdagen.diagnosis.inference.local_fit import Fitted
+from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.decision.verdict_content import TILT_EQUIVALENTS, estimate_parameters
+from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.prediction.window_replay import Replay
-from hdagen.support.parallel import together
+from hdagen.support.parallel import map_in_threads
 
-CLEAR = 4.0  # standard deviations from 0, from which the data determine an effect's size
-MOST = 2  # effects that are tried: each costs one replay
-WORTH = 0.05  # of the gap after the verdict, that an effect must close to be listed
+CLEAR_DEVIATIONS = 4.0  # standard deviations from 0, from which the data determine an effect's size
+MOST_REPLAYED_EFFECTS = 2  # effects that are tried: each costs one replay
+LEAST_LISTED_GAIN = 0.05  # of the gap after the verdict, that an effect must close to be listed
 
 
-def tolerated(
-    best: Fitted, said: verdict.Verdict, before: Replay, after: Replay, held: Portion, seen: Callable[[Arm], Replay]
+def rank_nuisance_effects(
+    best: Fit, said: verdict.Verdict, before: Replay, after: Replay, held: LogPortion, seen: Callable[[Arm], Replay]
 ) -> list[dict[str, Any]]:
     """Rank the effects within tolerance by the gap that each leaves beside the verdict.
 
@@ -46,30 +46,32 @@ def tolerated(
         PlantError: a model cannot be simulated.
 
     """
-    words, described = best.design.words, best.design.shooting.arm.parameters.described
+    words, described = best.sensitivities.candidates, best.sensitivities.shooting.arm.parameters.described
     mean, covariance = best.posterior
     clear: dict[int, float] = {}
     for k, c in enumerate(words.columns):
         # base parameters go with the verdict, and so does the base's tilt
-        goes_along = c.atom < 0 or c.parameter in LEANS or described[c.parameter].tolerance > 0
-        if not goes_along and words.atoms[c.atom].name not in best.names:
+        goes_along = c.candidate < 0 or c.parameter in TILT_EQUIVALENTS or described[c.parameter].tolerance > 0
+        if not goes_along and words.members[c.candidate].name not in best.names:
             told = abs(float(mean[k])) / math.sqrt(covariance[k, k])
-            clear[c.atom] = max(told, clear.get(c.atom, CLEAR))
-    left = gap(before, after, held)["after"]
+            clear[c.candidate] = max(told, clear.get(c.candidate, CLEAR_DEVIATIONS))
+    left = evaluate_gap(before, after, held)["after"]
 
     def worth(atom: int) -> dict[str, Any]:
         """The entry of one candidate, replayed as large as the fit has it, beside the verdict."""
-        effect, (arm, _) = words.atoms[atom], verdict.applied(best.design.shooting.arm, said)
-        parameters = estimates(best, atom)
+        effect, (arm, _) = words.members[atom], verdict.apply_verdict(best.sensitivities.shooting.arm, said)
+        parameters = estimate_parameters(best, atom)
         arm.parameters.update({name: one["value"] for name, one in parameters.items()})
         return {
             "effect": effect.effect,
             "joint": effect.joint,
             "parameters": parameters,
-            "size": float(np.linalg.norm(mean[words.free((atom,))])),
-            "gap": gap(before, seen(arm), held)["after"],
+            "size": float(np.linalg.norm(mean[words.amplitude_columns((atom,))])),
+            "gap": evaluate_gap(before, seen(arm), held)["after"],
         }
 
-    clearest = sorted((k for k in clear if clear[k] > CLEAR), key=lambda k: -clear[k])[:MOST]
-    closer = [one for one in together(worth, clearest) if one["gap"] < (1.0 - WORTH) * left]
+    clearest = sorted((k for k in clear if clear[k] > CLEAR_DEVIATIONS), key=lambda k: -clear[k])[
+        :MOST_REPLAYED_EFFECTS
+    ]
+    closer = [one for one in map_in_threads(worth, clearest) if one["gap"] < (1.0 - LEAST_LISTED_GAIN) * left]
     return sorted(closer, key=lambda one: float(one["gap"]))

@@ -13,16 +13,18 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.data.gap import ABOVE, BLOCK
+from hdagen.diagnosis.data.gap import BLOCK_WINDOWS, SIGNIFICANT_NOISE_MULTIPLE
 from hdagen.diagnosis.data.held_out_rows import name_rows
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.holdout.unexplained_remainder import SHARE
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.holdout.unexplained_remainder import NAMED_REMAINDER_SHARE
 from hdagen.log.measured_log import Log
 from hdagen.prediction.measurement_model import Rows
 from hdagen.prediction.window_replay import Replay
 
 
-def find_moments(before: Replay, after: Replay, portion: Portion, logs: Sequence[Log]) -> list[dict[str, Any]]:
+def find_single_moments(
+    before: Replay, after: Replay, portion: LogPortion, logs: Sequence[Log]
+) -> list[dict[str, Any]]:
     """Find the joints whose error lies in one second alone, by all of their encoders: `moments` of diagnosis.json. More
     than a third of the robot file's error in that second remains, and elsewhere, but for its neighbours, at most a
     third as much.
@@ -38,37 +40,37 @@ def find_moments(before: Replay, after: Replay, portion: Portion, logs: Sequence
         multiples of the noise of the encoder with the smaller error.
 
     """
-    starts = before.starts[::BLOCK]
+    starts = before.starts[::BLOCK_WINDOWS]
     found = []
     for j in range(1, portion.log.n_joints + 1):
-        encoders = [name for name in before.channels if name in (f"motor_position_{j}", f"joint_position_{j}")]
+        encoders = [name for name in before.counted_channels if name in (f"motor_position_{j}", f"joint_position_{j}")]
         errors = []
         for name in encoders:
-            errors.append([_seconds(one, name, portion, starts) for one in (before, after)])
-        at = [_single(*one) for one in errors]
+            errors.append([_errors_by_second(one, name, portion, starts) for one in (before, after)])
+        at = [_find_only_second(*one) for one in errors]
         if not at or None in at or len(set(at)) > 1:
             continue
         rows = portion.rows & (np.searchsorted(starts, np.arange(len(portion.rows)), side="right") - 1 == at[0])
-        where = max(name_rows(Portion(portion.log, rows), logs), key=lambda one: int(one["rows"]))
+        where = max(name_rows(LogPortion(portion.log, rows), logs), key=lambda one: int(one["rows"]))
         span = [where["spans"][0][0], where["spans"][-1][1]]
         noise = min(float(after_[at[0]]) for _, after_ in errors)
         found.append({"joint": j, "log": where["log"], "span": span, "noise": noise})
     return found
 
 
-def _seconds(seen: Replay, name: str, portion: Portion, starts: Rows) -> Array:
+def _errors_by_second(seen: Replay, name: str, portion: LogPortion, starts: Rows) -> Array:
     """Compute a channel's error in each second that begins in the rows ``starts`` (S), in multiples of its noise."""
     squares = ((seen.columns[name] - portion.log[name]) / seen.noise[name]) ** 2
     counts = np.add.reduceat(portion.rows.astype(int), starts)
     return np.asarray(np.sqrt(np.add.reduceat(squares * portion.rows, starts) / np.maximum(counts, 1)))
 
 
-def _single(before: Array, after: Array) -> int | None:
+def _find_only_second(before: Array, after: Array) -> int | None:
     """Find the second that, with its neighbours, holds the error ``after`` (S), compared with that ``before`` (S); None
     where none does."""
     k = int(np.argmax(after))
     elsewhere = after[np.abs(np.arange(len(after)) - k) > 1]
-    left = after[k] > max(ABOVE, SHARE * before[k])
-    if left and len(elsewhere) and elsewhere.max() <= SHARE * after[k]:
+    left = after[k] > max(SIGNIFICANT_NOISE_MULTIPLE, NAMED_REMAINDER_SHARE * before[k])
+    if left and len(elsewhere) and elsewhere.max() <= NAMED_REMAINDER_SHARE * after[k]:
         return k
     return None

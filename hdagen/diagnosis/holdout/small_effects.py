@@ -17,16 +17,16 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
-from hdagen.diagnosis.data.gap import ABOVE
+from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
-from hdagen.diagnosis.inference.local_fit import Fitted
+from hdagen.diagnosis.inference.local_fit import Fit
 
-LITTLE = 1.05  # times the gap with an effect, that may be left without it
-OF_A_CHANNEL = 1.1  # times what any channel errs by: what acts on one of many shows little in their mean
-REMAINS = 2.0**0.5  # times either, where that is as many times the noise as counts
+NEGLIGIBLE_GAP_RATIO = 1.05  # times the gap with an effect, that may be left without it
+NEGLIGIBLE_CHANNEL_RATIO = 1.1  # times what any channel errs by: what acts on one of many shows little in their mean
+NEGLIGIBLE_REMAINDER_RATIO = 2.0**0.5  # times either, where that is as many times the noise as counts
 
 Gap = Mapping[str, Any]  # `gap` of diagnosis.json
-Fits = Mapping[tuple[str, ...], Fitted]
+Fits = Mapping[tuple[str, ...], Fit]
 
 
 def drop_small_effects(
@@ -48,17 +48,17 @@ def drop_small_effects(
 
     """
     small: list[dict[str, Any]] = []
-    while len(decision.verdict) > 1 and not decision.unknown and not decision.beside:
+    while len(decision.verdict) > 1 and not decision.is_unknown and not decision.direct_evidence:
         told = measure(decision)
         if told["after"] >= told["before"]:  # nothing of it stands
             break
         tried = [name for name in decision.verdict if name not in kept]
-        lesser = {name: one for name in tried if (one := without(decision, fitted, name))}
+        lesser = {name: one for name in tried if (one := drop_effects(decision, fitted, name))}
         left = {name: measure(one) for name, one in lesser.items()}
         little = [name for name, gap in left.items() if _is_little(told, gap)]
         if not little:
             break
-        name = max(little, key=lambda one: lesser[one].best.reached)
+        name = max(little, key=lambda one: lesser[one].best.evidence_here)
         effect, _, joint = name.partition("@")
         small.append({"effect": effect, "joint": int(joint), "with": told["after"], "without": left[name]["after"]})
         decision = lesser[name]
@@ -68,16 +68,18 @@ def drop_small_effects(
 def _is_little(told: Gap, without: Gap) -> bool:
     """Whether a gap ``without`` an effect is about that with it, in all and in every channel."""
     channels = ((told["by_channel"][name]["after"], one["after"]) for name, one in without["by_channel"].items())
-    alike = all(_is_alike(before, after, OF_A_CHANNEL) for before, after in channels)
-    return alike and _is_alike(told["after"], without["after"], LITTLE)
+    alike = all(_is_alike(before, after, NEGLIGIBLE_CHANNEL_RATIO) for before, after in channels)
+    return alike and _is_alike(told["after"], without["after"], NEGLIGIBLE_GAP_RATIO)
 
 
 def _is_alike(with_it: float, without: float, least: float) -> bool:
     """Whether an error is about as large without an effect as with it, in multiples of the noise."""
-    return bool(without <= (REMAINS if with_it > ABOVE else least) * max(with_it, 1.0))
+    return bool(
+        without <= (NEGLIGIBLE_REMAINDER_RATIO if with_it > SIGNIFICANT_NOISE_MULTIPLE else least) * max(with_it, 1.0)
+    )
 
 
-def without(decision: Decision, fitted: Fits, *names: str) -> Decision | None:
+def drop_effects(decision: Decision, fitted: Fits, *names: str) -> Decision | None:
     """Drop some effects from a verdict.
 
     Args:

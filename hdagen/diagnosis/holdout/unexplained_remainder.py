@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hdagen.diagnosis.data.gap import ABOVE
+from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
 
-SHARE = 1 / 3  # of what a joint errs by, from which on what remains is said in the verdict
-CLOSABLE = 0.2  # of a gap, below which the best of all that was fitted closes nothing worth speaking of
-FEW = 2.0 * ABOVE  # multiples of the noise, up to which that is as good as a model gets: beyond it nothing is good
+NAMED_REMAINDER_SHARE = 1 / 3  # of what a joint errs by, from which on what remains is said in the verdict
+LEAST_CLOSABLE_SHARE = 0.2  # of a gap, below which the best of all that was fitted closes nothing worth speaking of
+LARGEST_GOOD_GAP = (
+    2.0 * SIGNIFICANT_NOISE_MULTIPLE
+)  # multiples of the noise, up to which that is as good as a model gets: beyond it nothing is good
 
 
 def measure_remainders(channels: Mapping[str, Mapping[str, float]]) -> list[dict[str, Any]]:
@@ -33,7 +35,7 @@ def measure_remainders(channels: Mapping[str, Mapping[str, float]]) -> list[dict
         joint = int(name.rpartition("_")[2])
         one = {"joint": joint, "share": channel["after"] / channel["before"], "noise": channel["after"]}
         encoder = "position" in name
-        if encoder or channel["before"] > ABOVE:  # a sensor that did not err shows nothing
+        if encoder or channel["before"] > SIGNIFICANT_NOISE_MULTIPLE:  # a sensor that did not err shows nothing
             found[joint] = min(one, found.get(joint, one), key=lambda each: float(each["share"]))
     return [found[joint] for joint in sorted(found)]
 
@@ -51,7 +53,11 @@ def name_remainders(verdict: Sequence[str], remains: Sequence[Mapping[str, Any]]
     """
     if not verdict or any(name.startswith("unknown@") for name in verdict):
         return list(verdict)
-    much = (one["joint"] for one in remains if one["share"] > SHARE and one["noise"] > ABOVE)
+    much = (
+        one["joint"]
+        for one in remains
+        if one["share"] > NAMED_REMAINDER_SHARE and one["noise"] > SIGNIFICANT_NOISE_MULTIPLE
+    )
     return [*verdict, *(f"unknown@{joint}" for joint in much)]
 
 
@@ -65,4 +71,4 @@ def is_as_good_as_it_gets(gap: Mapping[str, Any]) -> bool:
         True where the robot file leaves few times the noise, and the best of all that was fitted about as much.
 
     """
-    return bool(gap["before"] <= FEW and gap["achievable"] >= (1.0 - CLOSABLE) * gap["before"])
+    return bool(gap["before"] <= LARGEST_GOOD_GAP and gap["achievable"] >= (1.0 - LEAST_CLOSABLE_SHARE) * gap["before"])

@@ -8,24 +8,24 @@ from typing import Any
 
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import gap, least
-from hdagen.diagnosis.data.split import Portion, halve
-from hdagen.diagnosis.holdout.nonparametric_baseline import corrected
+from hdagen.diagnosis.data.gap import choose_closest_replay, evaluate_gap
+from hdagen.diagnosis.data.split import LogPortion, split_in_halves
+from hdagen.diagnosis.holdout.nonparametric_baseline import fit_nonparametric_baseline
 from hdagen.prediction.window_replay import Replay
 
-Simulate = Callable[[Arm], Replay]
+Simulator = Callable[[Arm], Replay]
 
 
 @dataclass(frozen=True, eq=False)
-class UnseenMotion:
+class HoldoutMotion:
     """A held-out ``portion`` of logs; ``simulate`` replays these logs on an arm. ``before``: replay of the robot file;
     ``base``: replay with its base parameters fitted and no effect; ``flexible``: the best replay of these and of a
     correction without structure."""
 
-    portion: Portion
-    simulate: Simulate
+    portion: LogPortion
+    simulate: Simulator
     before: Replay
-    base: Replay
+    refitted_base: Replay
     flexible: Replay
 
     def measure_gap(self, after: Replay) -> dict[str, Any]:
@@ -38,17 +38,17 @@ class UnseenMotion:
             The error that it leaves, compared with that of the robot file.
 
         """
-        return gap(self.before, after, self.portion, self.flexible)
+        return evaluate_gap(self.before, after, self.portion, self.flexible)
 
-    def halve(self) -> tuple[UnseenMotion, UnseenMotion]:
+    def split_in_halves(self) -> tuple[HoldoutMotion, HoldoutMotion]:
         """Split the motion into the even seconds, which decide, and the odd seconds, which are reported."""
-        first, second = (replace(self, portion=half) for half in halve(self.portion))
+        first, second = (replace(self, portion=half) for half in split_in_halves(self.portion))
         return first, second
 
 
-def measure_unseen(
-    plain: Arm, base: verdict.Verdict, shown: Portion, portion: Portion, simulate: Simulate
-) -> UnseenMotion:
+def measure_holdout(
+    plain: Arm, base: verdict.Verdict, shown: LogPortion, portion: LogPortion, simulate: Simulator
+) -> HoldoutMotion:
     """Replay held-out motion without any effect.
 
     Args:
@@ -65,8 +65,8 @@ def measure_unseen(
         PlantError: a model cannot be simulated.
 
     """
-    refitted = verdict.applied(plain, base)[0]
+    refitted = verdict.apply_verdict(plain, base)[0]
     before, alone = simulate(plain), simulate(refitted)
-    held = portion.without(before.guessed, before.starts)
-    flexible = least([before, alone, corrected(refitted, shown, held, alone)], held)
-    return UnseenMotion(held, simulate, before, alone, flexible)
+    held = portion.without_windows(before.guessed_starts, before.starts)
+    flexible = choose_closest_replay([before, alone, fit_nonparametric_baseline(refitted, shown, held, alone)], held)
+    return HoldoutMotion(held, simulate, before, alone, flexible)

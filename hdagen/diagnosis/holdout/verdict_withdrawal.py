@@ -22,26 +22,32 @@ from typing import Any
 
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import ABOVE, by_channel
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.decision.posterior import LEAST, SURE, Decision, Hypothesis, decided
-from hdagen.diagnosis.holdout.small_effects import Fits, without
-from hdagen.diagnosis.holdout.unseen_motion import UnseenMotion
+from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE, measure_channel_errors
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.decision.posterior import SMALLEST_POSITIVE, SURE_BELOW, Decision, Hypothesis, conclude_verdict
+from hdagen.diagnosis.holdout.small_effects import Fits, drop_effects
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.prediction.window_replay import Replay
 
-MOST = 2 / 3  # of what every encoder of a joint errs by, that may be left: what leaves more explains something else
-NOTHING = 0.9  # of the same, or of a gap, from which on a verdict closes next to nothing
-NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
-FAR = 100.0  # of the same, from which on what is left is no small matter, whatever else leaves
-STEEPLY = 4.0  # power of what is left in the odds
-LEAST_ODDS = SURE / (1.0 - SURE)  # of something unknown where short windows say so: what is named is then not sure
+MOST_REMAINING_SHARE = (
+    2 / 3
+)  # of what every encoder of a joint errs by, that may be left: what leaves more explains something else
+UNCLOSED_SHARE = 0.9  # of the same, or of a gap, from which on a verdict closes next to nothing
+LEAST_EXPLAINABLE_GAP = (
+    1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
+)
+LARGEST_SURE_GAP = 100.0  # of the same, from which on what is left is no small matter, whatever else leaves
+UNKNOWN_ODDS_POWER = 4.0  # power of what is left in the odds
+LEAST_UNKNOWN_ODDS = SURE_BELOW / (
+    1.0 - SURE_BELOW
+)  # of something unknown where short windows say so: what is named is then not sure
 
 
-def stands(
+def withdraw_harmful(
     plain: Arm,
     named: Arm,
     content: dict[str, Any],
-    motions: Sequence[UnseenMotion],
+    motions: Sequence[HoldoutMotion],
     alone: Mapping[str, Any] = MappingProxyType({}),
 ) -> tuple[Arm, Replay]:
     """Withdraw the parts of a verdict that do not close the gap on held-out motion.
@@ -66,29 +72,36 @@ def stands(
     """
     fitted: dict[str, Any] = content["parameters"]
     last = motions[-1]
-    bases = [fitted, dict(alone), {}] if verdict.read(content).unknown else [fitted, {}]
+    bases = [fitted, dict(alone), {}] if verdict.read_verdict(content).unexplained_joints else [fitted, {}]
     for base in bases:
         content["parameters"] = base
-        said = verdict.read(content)
-        arm = verdict.applied(named, said)[0]
+        said = verdict.read_verdict(content)
+        arm = verdict.apply_verdict(named, said)[0]
         replays = [motion.simulate(arm) for motion in motions]
         gaps = [motion.measure_gap(after) for motion, after in zip(motions, replays, strict=True)]
         content["gap"] = gaps[-1]
-        if all(gap["before"] >= NOISE and _closes(gap, bool(said.unknown and base)) for gap in gaps):
+        if all(
+            gap["before"] >= LEAST_EXPLAINABLE_GAP and _closes_gap(gap, bool(said.unexplained_joints and base))
+            for gap in gaps
+        ):
             return named, replays[-1]
-    kept = [f"unknown@{joint}" for joint in said.unknown] if content["gap"]["before"] >= NOISE else []
+    kept = (
+        [f"unknown@{joint}" for joint in said.unexplained_joints]
+        if content["gap"]["before"] >= LEAST_EXPLAINABLE_GAP
+        else []
+    )
     content |= {"verdict": kept, "sure": False, "where": []}
     content["gap"] = last.measure_gap(last.before)
     return plain, last.before
 
 
-def _closes(told: dict[str, Any], bent: bool) -> bool:
+def _closes_gap(told: dict[str, Any], bent: bool) -> bool:
     """Whether a gap is smaller after, as `gap` has it.
 
     Beside something unknown, base parameters are ``bent`` to the motion of the log: there the whole interval must lie
     above next to nothing.
     """
-    surely = told["interval"][0] > 1.0 - NOTHING if bent and told["interval"] else True
+    surely = told["interval"][0] > 1.0 - UNCLOSED_SHARE if bent and told["interval"] else True
     return bool(told["after"] < told["before"] and surely)
 
 
@@ -103,11 +116,13 @@ def leaves_little(after: float, others: Sequence[float]) -> bool:
         False where many times the noise is left and something else leaves far less, or very many times the noise.
 
     """
-    return after <= ABOVE or (after <= FAR and min(others, default=after) > MOST * after)
+    return after <= SIGNIFICANT_NOISE_MULTIPLE or (
+        after <= LARGEST_SURE_GAP and min(others, default=after) > MOST_REMAINING_SHARE * after
+    )
 
 
-def doubted(
-    decision: Decision, fitted: Fits, said: Sequence[str], motion: UnseenMotion, after: Replay
+def doubt_on_holdout(
+    decision: Decision, fitted: Fits, said: Sequence[str], motion: HoldoutMotion, after: Replay
 ) -> tuple[Decision, dict[str, Any] | None]:
     """Doubt the effects of a verdict that held-out motion does not confirm.
 
@@ -120,28 +135,28 @@ def doubted(
 
     Returns:
         The decision with the confirmed effects, if these were fitted by themselves, or with something unknown where
-        none is confirmed. And `doubted` of diagnosis.json, the verdict before and the share of a joint's error that is
-        left; None if nothing is doubted.
+        none is confirmed. And `doubt_on_holdout` of diagnosis.json, the verdict before and the share of a joint's error
+        that is left; None if nothing is doubted.
 
     Raises:
         PlantError: the model cannot be simulated.
 
     """
-    if decision.unknown:
+    if decision.is_unknown:
         return decision, None
-    whole = motion.simulate(use_whole(decision))
+    whole = motion.simulate(build_fitted_arm(decision))
     named = {int(name.partition("@")[2]) for name in said}
-    left = leave_shares(motion.before, after, whole, motion.portion, named)
+    left = measure_remaining_shares(motion.before, after, whole, motion.portion, named)
     joint, share = max(left.items(), key=lambda one: one[1], default=(0, 0.0))
-    if share <= MOST:
+    if share <= MOST_REMAINING_SHARE:
         return decision, None
-    standing = tuple(name for name in said if _least_left(name, left) <= MOST)
+    standing = tuple(name for name in said if _least_left(name, left) <= MOST_REMAINING_SHARE)
     told = {"verdict": list(decision.verdict), "joint": joint, "left": share}
     if not standing:
-        return _at_odds(decision, (share / MOST) ** STEEPLY, joint), told
+        return _set_unknown_odds(decision, (share / MOST_REMAINING_SHARE) ** UNKNOWN_ODDS_POWER, joint), told
     if standing == decision.verdict:
         return decision, None
-    fewer = without(decision, fitted, *(name for name in decision.verdict if name not in standing))
+    fewer = drop_effects(decision, fitted, *(name for name in decision.verdict if name not in standing))
     return (fewer, told) if fewer else (decision, None)
 
 
@@ -151,7 +166,7 @@ def _least_left(name: str, left: Mapping[int, float]) -> float:
     return left.get(joint, 1.0) if joint else min(left.values(), default=1.0)
 
 
-def known(decision: Decision) -> Decision:
+def remove_unknown(decision: Decision) -> Decision:
     """Conclude the verdict as if nothing unknown were present.
 
     Args:
@@ -161,10 +176,10 @@ def known(decision: Decision) -> Decision:
         The decision among known effects.
 
     """
-    return _at_odds(decision, 0.0, 1)
+    return _set_unknown_odds(decision, 0.0, 1)
 
 
-def outsized(content: dict[str, Any]) -> bool:
+def is_at_bound(content: dict[str, Any]) -> bool:
     """Say whether an effect of a verdict has a size at an end of its range, larger or smaller than any known one.
 
     Args:
@@ -179,7 +194,7 @@ def outsized(content: dict[str, Any]) -> bool:
     return any(q["end"] for q in sizes)
 
 
-def borne_out(decision: Decision, said: Sequence[str], motion: UnseenMotion, alone: Replay) -> Decision:
+def reweigh_unknown(decision: Decision, said: Sequence[str], motion: HoldoutMotion, alone: Replay) -> Decision:
     """Reweigh a verdict of something unknown against known effects, on held-out motion.
 
     The odds of something unknown fall with the error that the known effects leave, at the joint with the largest share
@@ -199,34 +214,36 @@ def borne_out(decision: Decision, said: Sequence[str], motion: UnseenMotion, alo
 
     """
     before, held = motion.before, motion.portion
-    left, others, base = (leave_errors(before, one, held) for one in (alone, motion.flexible, motion.base))
+    left, others, base = (
+        measure_remaining_errors(before, one, held) for one in (alone, motion.flexible, motion.refitted_base)
+    )
     at, share = max(left.items(), key=lambda one: one[1], default=(0, 1.0))
-    beside = share / min(max(others.get(at, 0.0), LEAST), MOST)
-    odds = decision.stated / max(1.0 - decision.stated, LEAST)
-    for ratio in (min(share / MOST, 1.0), beside if decision.lasting else min(beside, 1.0)):
-        odds *= ratio**STEEPLY
-    of_base = {j: left[j] / max(min(base.get(j, 1.0), 1.0), LEAST) for j in left}
+    beside = share / min(max(others.get(at, 0.0), SMALLEST_POSITIVE), MOST_REMAINING_SHARE)
+    odds = decision.uncalibrated_probability / max(1.0 - decision.uncalibrated_probability, SMALLEST_POSITIVE)
+    for ratio in (min(share / MOST_REMAINING_SHARE, 1.0), beside if decision.is_long_horizon else min(beside, 1.0)):
+        odds *= ratio**UNKNOWN_ODDS_POWER
+    of_base = {j: left[j] / max(min(base.get(j, 1.0), 1.0), SMALLEST_POSITIVE) for j in left}
     shares = [_least_left(name, of_base) for name in said]
-    if shares and max(shares) <= MOST:
-        sets = [h for h in decision.hypotheses if not h.unknown]
+    if shares and max(shares) <= MOST_REMAINING_SHARE:
+        sets = [h for h in decision.hypotheses if not h.is_unknown]
         named = sum(h.probability for h in sets if h.names) / sum(h.probability for h in sets)
-        odds = min(odds, named * max(shares) / MOST)
-    odds = max(odds, LEAST_ODDS)
+        odds = min(odds, named * max(shares) / MOST_REMAINING_SHARE)
+    odds = max(odds, LEAST_UNKNOWN_ODDS)
     (joint,) = {int(name.partition("@")[2]) for name in decision.verdict if name.startswith("unknown@")}
-    return _at_odds(decision, odds, joint)
+    return _set_unknown_odds(decision, odds, joint)
 
 
-def _at_odds(decision: Decision, odds: float, joint: int) -> Decision:
+def _set_unknown_odds(decision: Decision, odds: float, joint: int) -> Decision:
     """The decision at other ``odds`` of something unknown, at a ``joint``."""
     unknown = odds / (1.0 + odds)
-    named = [h for h in decision.hypotheses if not h.unknown]
+    named = [h for h in decision.hypotheses if not h.is_unknown]
     total = sum(h.probability for h in named)
     shared = [replace(h, probability=(1.0 - unknown) * h.probability / total) for h in named]
     strange = [Hypothesis((f"unknown@{joint}",), unknown, None)] if unknown else []
-    return replace(decided([*shared, *strange], decision.best), unseen=decision.unseen)
+    return replace(conclude_verdict([*shared, *strange], decision.best), undetectable=decision.undetectable)
 
 
-def use_whole(decision: Decision) -> Arm:
+def build_fitted_arm(decision: Decision) -> Arm:
     """Build the model of the best fit, with its effects within tolerance.
 
     Args:
@@ -236,12 +253,12 @@ def use_whole(decision: Decision) -> Arm:
         The model.
 
     """
-    at = decision.best.design
-    return at.shooting.arm.at(at.point.p)
+    at = decision.best.sensitivities
+    return at.shooting.arm.with_parameters(at.point.p)
 
 
-def leave_shares(
-    before: Replay, after: Replay, whole: Replay, held: Portion, named: Collection[int]
+def measure_remaining_shares(
+    before: Replay, after: Replay, whole: Replay, held: LogPortion, named: Collection[int]
 ) -> dict[int, float]:
     """Measure the share of each joint's error that a verdict leaves, with or without effects within tolerance.
 
@@ -259,12 +276,12 @@ def leave_shares(
         By joint the share (1), 0 where the error that is left does not count.
 
     """
-    said, tolerating = (leave_errors(before, one, held) for one in (after, whole))
-    alone = {j for j in named if said.get(j, 0.0) > NOTHING}
+    said, tolerating = (measure_remaining_errors(before, one, held) for one in (after, whole))
+    alone = {j for j in named if said.get(j, 0.0) > UNCLOSED_SHARE}
     return {j: share if j in alone else min(share, tolerating[j]) for j, share in said.items()}
 
 
-def leave_errors(before: Replay, after: Replay, held: Portion) -> dict[int, float]:
+def measure_remaining_errors(before: Replay, after: Replay, held: LogPortion) -> dict[int, float]:
     """Measure the share of each joint's error that is left.
 
     Args:
@@ -277,9 +294,9 @@ def leave_errors(before: Replay, after: Replay, held: Portion) -> dict[int, floa
 
     """
     shares: dict[int, float] = {}
-    for name, channel in by_channel(before, after, held).items():
+    for name, channel in measure_channel_errors(before, after, held).items():
         quantity, _, j = name.rpartition("_")
-        if channel["before"] > (0.0 if quantity.endswith("position") else ABOVE):
-            share = channel["after"] / channel["before"] if channel["after"] > ABOVE else 0.0
+        if channel["before"] > (0.0 if quantity.endswith("position") else SIGNIFICANT_NOISE_MULTIPLE):
+            share = channel["after"] / channel["before"] if channel["after"] > SIGNIFICANT_NOISE_MULTIPLE else 0.0
             shares[int(j)] = min(share, shares.get(int(j), share))
     return shares

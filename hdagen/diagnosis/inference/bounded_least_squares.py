@@ -6,12 +6,12 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 
-MOST_CHANGES = 20  # of the active set
+MOST_ACTIVE_SET_CHANGES = 20  # of the active set
 
 Bounds = tuple[Array, Array]  # lowest and highest θ (P)
 
 
-def bounded(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:
+def solve_box_qp(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:
     """Minimize ½ θ'Hθ − g'θ within bounds by an active set. A parameter that leaves its bounds is held there, and
     released where its slope points inwards; the others are solved again.
 
@@ -27,7 +27,7 @@ def bounded(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:
     """
     low, high = bounds
     theta, held = free.copy(), np.zeros(len(free), bool)
-    for _ in range(MOST_CHANGES):
+    for _ in range(MOST_ACTIVE_SET_CHANGES):
         outside = ~held & ((theta < low) | (theta > high))
         slope = H @ theta - g
         back = held & np.where(theta <= low, slope < 0, slope > 0) & (low < high)

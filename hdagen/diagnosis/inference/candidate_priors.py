@@ -21,28 +21,37 @@ from hdagen.arm.arm_parameters import Parameter
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 
-SHARES = 0.05, 0.025, 0.0125  # typical sizes: standard deviation of an effect outside the hypothesis. A fit uses the
+SPIKE_SCALES = (
+    0.05,
+    0.025,
+    0.0125,
+)  # typical sizes: standard deviation of an effect outside the hypothesis. A fit uses the
 # first of them until the log shows how much of every effect the machine has.
-TOLERATED = 3.0  # standard deviations that such an effect has at most; a larger one is present
-SLAB = 1.0  # typical sizes: standard deviation of an effect of the hypothesis
-FELT = 0.3  # of the spike width; the shapes of a larger effect are fitted, too
-SILENT = 1e-4  # spike width of a candidate that only its own hypothesis uses: below any share of any size
-PRESENT = 0.3  # typical sizes, from which an effect counts as present
-OFF = 2.0  # tolerances of the robot file, from which a shifted base parameter counts as an effect
-NEAR = 0.1  # step of a hypothesis' own parameters, about its present point
-STEP = 0.1  # step of every other column: small, as nuisance effects are small; a scan tries large sizes
-LEAST = 1e-3  # of a shape parameter's range: its unit where its value is 0
-ORDER = "order"  # in the name of a shape that cannot be found by small steps
-TWINS = {"current_bias", "asymmetric_friction"}
-CHANGES_FRICTION = ("stribeck_friction", "asymmetric_friction", "thermal_friction", "presliding_friction")
-WALL = 0.02  # rad (or m): unit of a wall's position, which has to be this fine for a hard wall
-BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of walls and dampers, whose sizes span orders of magnitude
-BROAD_KEY = "coulomb_friction"  # a robot file's value that may be a guess, so its size spans them, too
-SHAPE = 0.5  # of a shape parameter's value: its unit
+NUISANCE_LIMIT = 3.0  # standard deviations that such an effect has at most; a larger one is present
+SLAB_WIDTH = 1.0  # typical sizes: standard deviation of an effect of the hypothesis
+SHAPE_FIT_THRESHOLD = 0.3  # of the spike width; the shapes of a larger effect are fitted, too
+SILENT_SPIKE_WIDTH = 1e-4  # spike width of a candidate that only its own hypothesis uses: below any share of any size
+PRESENT_SIZE = 0.3  # typical sizes, from which an effect counts as present
+BASE_DEVIATION_LIMIT = 2.0  # tolerances of the robot file, from which a shifted base parameter counts as an effect
+LOCAL_STEP = 0.1  # step of a hypothesis' own parameters, about its present point
+COLUMN_STEP = 0.1  # step of every other column: small, as nuisance effects are small; a scan tries large sizes
+LEAST_SHAPE_UNIT = 1e-3  # of a shape parameter's range: its unit where its value is 0
+ORDER_SHAPE = "order"  # in the name of a shape that cannot be found by small steps
+TWIN_EFFECTS = {"current_bias", "asymmetric_friction"}
+FRICTION_MODIFIERS = ("stribeck_friction", "asymmetric_friction", "thermal_friction", "presliding_friction")
+WALL_POSITION_UNIT = 0.02  # rad (or m): unit of a wall's position, which has to be this fine for a hard wall
+SCALE_FREE_UNITS = (
+    "N m/rad",
+    "N/m",
+    "N m s/rad",
+    "N s/m",
+)  # units of walls and dampers, whose sizes span orders of magnitude
+SCALE_FREE_PARAMETER = "coulomb_friction"  # a robot file's value that may be a guess, so its size spans them, too
+SHAPE_UNIT_SHARE = 0.5  # of a shape parameter's value: its unit
 
 
 @dataclass(frozen=True)
-class Atom:
+class Candidate:
     """An effect at a joint (0: the whole arm) with fixed shapes; ``first``: they are the default ones."""
 
     effect: str
@@ -50,14 +59,14 @@ class Atom:
     place: str
     amplitudes: tuple[str, ...]
     shapes: Mapping[str, float]
-    first: bool
+    has_default_shapes: bool
 
     @property
     def name(self) -> str:
         """The effect as name@joint, as diagnosis.json writes it."""
         return f"{self.effect}@{self.joint}"
 
-    def presupposes(self, arm: Arm) -> str | None:
+    def required_effect(self, arm: Arm) -> str | None:
         """Name the effect, name@joint, without which this one has no meaning: an effect that only changes dry friction
         needs dry friction. None where the robot file has it, or the effect needs no other.
 
@@ -66,21 +75,21 @@ class Atom:
 
         """
         base = arm.parameters.described.get(f"coulomb_friction_{self.joint}")
-        without = self.effect in CHANGES_FRICTION and base is not None and not base.nominal
+        without = self.effect in FRICTION_MODIFIERS and base is not None and not base.nominal
         if without:
             return f"coulomb_friction@{self.joint}"
         return None
 
-    def twin(self, other: Atom) -> bool:
+    def is_twin_of(self, other: Candidate) -> bool:
         """Tell whether two effects differ at standstill only, so that a hypothesis with both says nothing.
 
         Args:
             other: the other candidate.
 
         """
-        return self.joint == other.joint and {self.effect, other.effect} == TWINS
+        return self.joint == other.joint and {self.effect, other.effect} == TWIN_EFFECTS
 
-    def shape(self, arm: Arm, p: Array) -> None:
+    def apply_shapes(self, arm: Arm, p: Array) -> None:
         """Write the shapes, clipped to their bounds, into the parameters ``p`` (np).
 
         Args:
@@ -90,7 +99,7 @@ class Atom:
         """
         for name, value in self.shapes.items():
             q = arm.parameters.described[name]
-            p[arm.parameters.place(name)] = min(max(value, q.low), q.high)
+            p[arm.parameters.index(name)] = min(max(value, q.low), q.high)
 
 
 @dataclass(frozen=True)
@@ -100,43 +109,43 @@ class Column:
     ``index``: its place in p; ``center``: the value at θ = 0; ``unit`` of θ; ``spike``: prior standard deviation of θ;
     ``atom``: the candidate whose amplitude it is (−1: none); ``base``: every hypothesis fits it, as it does the keys of
     the robot file and the shapes of its own effects; ``seen``: initial guess of θ from the log (0: none);
-    ``everywhere``: θ that every machine has a share of.
+    ``background_size``: θ that every machine has a share of.
     """
 
     parameter: str
     index: int
     center: float
     unit: float
-    spike: float
-    atom: int
-    base: bool
-    step: float = STEP
-    seen: float = 0.0
-    everywhere: float = 1.0
+    spike_width: float
+    candidate: int
+    in_every_hypothesis: bool
+    step: float = COLUMN_STEP
+    initial_guess: float = 0.0
+    background_size: float = 1.0
 
     @property
-    def tolerated(self) -> float:
+    def initial_value(self) -> float:
         """Initial guess of the parameter, in its own unit, limited to the size of a nuisance effect."""
-        most = TOLERATED * self.spike
-        return self.center + min(max(self.seen, -most), most) * self.unit
+        most = NUISANCE_LIMIT * self.spike_width
+        return self.center + min(max(self.initial_guess, -most), most) * self.unit
 
 
 @dataclass(frozen=True, eq=False)
-class Dictionary:
+class CandidateSet:
     """All atoms and columns of a model; ``meant``: names of the active effects; ``share``: spike width of the others,
     in typical sizes."""
 
-    atoms: tuple[Atom, ...]
+    members: tuple[Candidate, ...]
     columns: tuple[Column, ...]
-    meant: frozenset[str] = frozenset()
-    share: float = SHARES[0]
+    active: frozenset[str] = frozenset()
+    spike_scale: float = SPIKE_SCALES[0]
 
     @property
-    def spike(self) -> Array:
+    def spike_widths(self) -> Array:
         """Prior standard deviations (P) of the null model."""
-        return np.array([c.spike for c in self.columns])
+        return np.array([c.spike_width for c in self.columns])
 
-    def bounds(self, arm: Arm) -> tuple[Array, Array]:
+    def theta_bounds(self, arm: Arm) -> tuple[Array, Array]:
         """Bound θ by the parameters' limits, and an inactive effect by the largest size of a nuisance effect.
 
         Args:
@@ -150,30 +159,30 @@ class Dictionary:
         ends = []
         for c in self.columns:
             low, high = sorted((end - c.center) / c.unit for end in (described[c.index].low, described[c.index].high))
-            most = TOLERATED * c.spike
-            if c.atom < 0 or self.atoms[c.atom].name in self.meant:
+            most = NUISANCE_LIMIT * c.spike_width
+            if c.candidate < 0 or self.members[c.candidate].name in self.active:
                 most = np.inf
             ends.append((max(low, -most), min(high, most)))
         low, high = np.array(ends).T
         return low, high
 
-    def sharing(self, share: float) -> Dictionary:
+    def with_spike_scale(self, share: float) -> CandidateSet:
         """Return the set with another spike width of the inactive effects, in typical sizes.
 
         Args:
             share: spike width.
 
         """
-        wider = share**2 - self.share**2
+        wider = share**2 - self.spike_scale**2
 
         def widen(c: Column) -> Column:
-            if c.atom < 0 or c.spike <= SILENT:
+            if c.candidate < 0 or c.spike_width <= SILENT_SPIKE_WIDTH:
                 return c
-            return replace(c, spike=math.sqrt(c.spike**2 + wider * c.everywhere**2))
+            return replace(c, spike_width=math.sqrt(c.spike_width**2 + wider * c.background_size**2))
 
-        return replace(self, columns=tuple(map(widen, self.columns)), share=share)
+        return replace(self, columns=tuple(map(widen, self.columns)), spike_scale=share)
 
-    def another(self, k: int, shapes: Mapping[str, float]) -> Dictionary:
+    def with_shapes_added(self, k: int, shapes: Mapping[str, float]) -> CandidateSet:
         """Return the set with a copy of a candidate with other shapes as the last one.
 
         Args:
@@ -181,29 +190,33 @@ class Dictionary:
             shapes: its new shapes by parameter.
 
         """
-        atom = replace(self.atoms[k], shapes=dict(shapes), first=False)
-        own = [replace(c, spike=SILENT, atom=len(self.atoms), base=False) for c in self.columns if c.atom == k]
-        return replace(self, atoms=(*self.atoms, atom), columns=(*self.columns, *own))
+        atom = replace(self.members[k], shapes=dict(shapes), has_default_shapes=False)
+        own = [
+            replace(c, spike_width=SILENT_SPIKE_WIDTH, candidate=len(self.members), in_every_hypothesis=False)
+            for c in self.columns
+            if c.candidate == k
+        ]
+        return replace(self, members=(*self.members, atom), columns=(*self.columns, *own))
 
-    def meaning(self, atoms: tuple[int, ...]) -> Dictionary:
+    def with_active(self, atoms: tuple[int, ...]) -> CandidateSet:
         """Return the set with the same columns, in which a hypothesis' effects are active.
 
         Args:
             atoms: places of its candidates.
 
         """
-        return replace(self, meant=frozenset(self.atoms[k].name for k in atoms))
+        return replace(self, active=frozenset(self.members[k].name for k in atoms))
 
-    def free(self, atoms: tuple[int, ...]) -> np.ndarray:
+    def amplitude_columns(self, atoms: tuple[int, ...]) -> np.ndarray:
         """Return the places of the amplitudes' columns that a hypothesis frees.
 
         Args:
             atoms: places of its candidates.
 
         """
-        return np.array([c for c, column in enumerate(self.columns) if column.atom in atoms], int)
+        return np.array([c for c, column in enumerate(self.columns) if column.candidate in atoms], int)
 
-    def counts(self, k: int) -> float:
+    def presence_threshold(self, k: int) -> float:
         """Return the size, in typical sizes, from which a candidate counts as present: a base parameter within twice
         its tolerance is as the robot file states.
 
@@ -211,19 +224,23 @@ class Dictionary:
             k: place of the candidate.
 
         """
-        return max(PRESENT, OFF * float(self.spike[self.free((k,))].max(initial=0.0)))
+        return max(
+            PRESENT_SIZE, BASE_DEVIATION_LIMIT * float(self.spike_widths[self.amplitude_columns((k,))].max(initial=0.0))
+        )
 
-    def own(self, atoms: tuple[int, ...]) -> np.ndarray:
+    def hypothesis_columns(self, atoms: tuple[int, ...]) -> np.ndarray:
         """Return the places of the columns that only a hypothesis has: its amplitudes and shapes.
 
         Args:
             atoms: places of its candidates.
 
         """
-        shapes = {shape for k in atoms for shape in self.atoms[k].shapes}
-        return np.array([c for c, one in enumerate(self.columns) if one.atom in atoms or one.parameter in shapes], int)
+        shapes = {shape for k in atoms for shape in self.members[k].shapes}
+        return np.array(
+            [c for c, one in enumerate(self.columns) if one.candidate in atoms or one.parameter in shapes], int
+        )
 
-    def theta(self, p: Array) -> Array:
+    def to_theta(self, p: Array) -> Array:
         """Return parameters in typical sizes, θ (P). Where several candidates share a parameter, the one with the
         widest spike takes all of it.
 
@@ -233,7 +250,7 @@ class Dictionary:
         """
         widest: dict[str, int] = {}
         for k, c in enumerate(self.columns):
-            if c.parameter not in widest or c.spike > self.columns[widest[c.parameter]].spike:
+            if c.parameter not in widest or c.spike_width > self.columns[widest[c.parameter]].spike_width:
                 widest[c.parameter] = k
         theta = np.zeros(len(self.columns))
         for k in widest.values():
@@ -241,20 +258,20 @@ class Dictionary:
         return theta
 
     @property
-    def base(self) -> Dictionary:
+    def always_fitted(self) -> CandidateSet:
         """The columns that every hypothesis fits, alone."""
-        return replace(self, columns=tuple(c for c in self.columns if c.base), meant=frozenset())
+        return replace(self, columns=tuple(c for c in self.columns if c.in_every_hypothesis), active=frozenset())
 
-    def names(self, atoms: Iterable[int]) -> tuple[str, ...]:
+    def names_of(self, atoms: Iterable[int]) -> tuple[str, ...]:
         """Return the names of some candidates, name@joint, sorted.
 
         Args:
             atoms: their places.
 
         """
-        return tuple(sorted(self.atoms[k].name for k in atoms))
+        return tuple(sorted(self.members[k].name for k in atoms))
 
-    def fits(self, arm: Arm, k: int, lead: Iterable[int]) -> bool:
+    def is_compatible(self, arm: Arm, k: int, lead: Iterable[int]) -> bool:
         """Tell whether a candidate adds a meaning to a hypothesis: not as a twin of its effects, nor without an effect
         it needs.
 
@@ -264,11 +281,11 @@ class Dictionary:
             lead: places of the hypothesis' candidates.
 
         """
-        atom, beside = self.atoms[k], [self.atoms[i] for i in lead]
-        there = atom.presupposes(arm) in (*(b.name for b in beside), None)
-        return there and not any(map(atom.twin, beside))
+        atom, beside = self.members[k], [self.members[i] for i in lead]
+        there = atom.required_effect(arm) in (*(b.name for b in beside), None)
+        return there and not any(map(atom.is_twin_of, beside))
 
-    def focused(self, atoms: tuple[int, ...], every: bool = False) -> Dictionary:
+    def columns_for(self, atoms: tuple[int, ...], every: bool = False) -> CandidateSet:
         """Return the columns of one hypothesis, in which its effects are active: of these its own candidates, of the
         others the default ones.
 
@@ -277,17 +294,19 @@ class Dictionary:
             every: keep all candidates of the other effects.
 
         """
-        meant = {self.atoms[k].name for k in atoms}
+        meant = {self.members[k].name for k in atoms}
         columns = []
         for c in self.columns:
-            if c.atom in atoms:
-                first = next((d.spike for d in self.columns if d.parameter == c.parameter), c.spike)
-                columns.append(replace(c, spike=first))
-            elif c.atom < 0 or (self.atoms[c.atom].name not in meant and (every or self.atoms[c.atom].first)):
+            if c.candidate in atoms:
+                first = next((d.spike_width for d in self.columns if d.parameter == c.parameter), c.spike_width)
+                columns.append(replace(c, spike_width=first))
+            elif c.candidate < 0 or (
+                self.members[c.candidate].name not in meant and (every or self.members[c.candidate].has_default_shapes)
+            ):
                 columns.append(c)
-        return replace(self, columns=tuple(columns), meant=frozenset(meant))
+        return replace(self, columns=tuple(columns), active=frozenset(meant))
 
-    def about(self, arm: Arm, atoms: tuple[int, ...], p: Array) -> Dictionary:
+    def columns_near(self, arm: Arm, atoms: tuple[int, ...], p: Array) -> CandidateSet:
         """Return the columns of one hypothesis about its present point, with small steps for its own sizes. The shapes
         of its effects, and those of nuisance effects large enough to matter, become columns, too.
 
@@ -297,37 +316,39 @@ class Dictionary:
             p: parameters (np) of the point.
 
         """
-        focus = self.focused(atoms)
-        columns = [replace(c, step=NEAR) if c.atom in atoms else c for c in focus.columns]
+        focus = self.columns_for(atoms)
+        columns = [replace(c, step=LOCAL_STEP) if c.candidate in atoms else c for c in focus.columns]
         seen = [
-            c.atom
+            c.candidate
             for c in focus.columns
-            if c.atom >= 0 and c.atom not in atoms and abs(p[c.index] - c.center) > FELT * c.spike * abs(c.unit)
+            if c.candidate >= 0
+            and c.candidate not in atoms
+            and abs(p[c.index] - c.center) > SHAPE_FIT_THRESHOLD * c.spike_width * abs(c.unit)
         ]
         names = list(arm.parameters.described)
-        shapes = [name for k in atoms for name in self.atoms[k].shapes]
-        shapes += [name for k in seen for name in self.atoms[k].shapes if ORDER not in name]
+        shapes = [name for k in atoms for name in self.members[k].shapes]
+        shapes += [name for k in seen for name in self.members[k].shapes if ORDER_SHAPE not in name]
         for name in dict.fromkeys(shapes):
             q = arm.parameters.described[name]
             value = float(p[names.index(name)])
-            columns.append(Column(name, names.index(name), value, _shape_unit(q, value), 1.0, -1, True, NEAR))
+            columns.append(Column(name, names.index(name), value, _shape_unit(q, value), 1.0, -1, True, LOCAL_STEP))
         return replace(focus, columns=tuple(columns))
 
 
 def _shape_unit(q: Parameter, value: float) -> float:
     """Choose the unit of a shape parameter that has this value."""
     if q.name.startswith(("contact_above", "contact_below")):
-        return WALL
+        return WALL_POSITION_UNIT
     if q.low >= 0:
-        return max(SHAPE * abs(value), LEAST * (q.high - q.low))
+        return max(SHAPE_UNIT_SHARE * abs(value), LEAST_SHAPE_UNIT * (q.high - q.low))
     return 0.1 * (q.high - q.low) / 2
 
 
-def is_broad(parameter: Parameter) -> bool:
+def is_scale_free(parameter: Parameter) -> bool:
     """Tell whether a parameter's size spans orders of magnitude, so that its typical size says little.
 
     Args:
         parameter: the parameter.
 
     """
-    return parameter.unit.endswith(BROAD) or parameter.name.startswith(BROAD_KEY)
+    return parameter.unit.endswith(SCALE_FREE_UNITS) or parameter.name.startswith(SCALE_FREE_PARAMETER)

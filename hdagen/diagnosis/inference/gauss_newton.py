@@ -13,20 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.inference.candidate_priors import SLAB, Atom, Dictionary, is_broad
-from hdagen.diagnosis.inference.linear_gaussian import Linear
-from hdagen.diagnosis.inference.marginal_likelihood import Scored, settled
-from hdagen.diagnosis.inference.sensitivities import Design, Point
+from hdagen.diagnosis.inference.candidate_priors import SLAB_WIDTH, Candidate, CandidateSet, is_scale_free
+from hdagen.diagnosis.inference.linear_gaussian import LinearModel
+from hdagen.diagnosis.inference.marginal_likelihood import ScoredHypothesis, solve_with_scales
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 
-CHORDS = 3  # steps with one set of sensitivities
-REACHES = (np.inf, 0.3, 0.1, 0.03)  # trust radii of a step, in prior standard deviations
-KEPT = 0.25  # of the promised improvement, with which a step is accepted without a smaller radius
-WORSE = 4.0  # by which chi² of a window may grow before its initial state is restored
-FAR = 2.0  # times the chi² expected of noise, from which a window begins anew at the measured state
-ENOUGH = 0.1  # log evidence that a step must bring, or promise, for another one
+MOST_CHORD_STEPS = 3  # steps with one set of sensitivities
+TRUST_RADII = (np.inf, 0.3, 0.1, 0.03)  # trust radii of a step, in prior standard deviations
+LEAST_STEP_RATIO = 0.25  # of the promised improvement, with which a step is accepted without a smaller radius
+LARGEST_CHI2_RISE = 4.0  # by which chi² of a window may grow before its initial state is restored
+BAD_WINDOW_RATIO = 2.0  # times the chi² expected of noise, from which a window begins anew at the measured state
+LEAST_EVIDENCE_STEP = 0.1  # log evidence that a step must bring, or promise, for another one
 
 
-def descend(at: Design, atoms: tuple[int, ...], lead: Scored, share: float) -> Design:
+def descend_gauss_newton(
+    at: Sensitivities, atoms: tuple[int, ...], lead: ScoredHypothesis, share: float
+) -> Sensitivities:
     """Take Gauss-Newton steps towards the mode of a hypothesis, with the columns kept. A direction that the columns
     hardly determine is a valley along which a full step would go much too far, so the trust radius limits each step.
 
@@ -40,45 +42,45 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored, share: float) -> D
         The design at the last point; ``at`` itself where no step helped.
 
     """
-    words, s, prior = at.words, share * lead.at.s, prior_widths(at, atoms)
-    at = _freed(at, s)
-    bounds, linear = words.bounds(at.shooting.arm), at.linear()
+    words, s, prior = at.candidates, share * lead.posterior.s, compute_hypothesis_widths(at, atoms)
+    at = _restart_bad_windows(at, s)
+    bounds, linear = words.theta_bounds(at.shooting.arm), at.linear_model()
     cost = linear.cost(s, prior)
-    for _ in range(CHORDS):
+    for _ in range(MOST_CHORD_STEPS):
         best = cost, at, linear
-        for reach in REACHES:
-            theta = settled(linear, prior, s, bounds, reach).mean
-            promised = cost - linear.reduced(s).cost(theta, prior)
-            trial, there = try_point(at, linear, s, move_to(at, linear, s, theta))
+        for reach in TRUST_RADII:
+            theta = solve_with_scales(linear, prior, s, bounds, reach).mean
+            promised = cost - linear.normal_equations(s).cost(theta, prior)
+            trial, there = try_point(at, linear, s, move_to_theta(at, linear, s, theta))
             value = there.cost(s, prior)
             worse = best[0] <= value
             if not worse:
                 best = value, trial, there
-            if cost - value >= KEPT * promised or (worse and best[1] is not at):
+            if cost - value >= LEAST_STEP_RATIO * promised or (worse and best[1] is not at):
                 break
         gain, (cost, at, linear) = cost - best[0], best
-        if gain < ENOUGH:
+        if gain < LEAST_EVIDENCE_STEP:
             break
     return at
 
 
-def _freed(at: Design, s: float) -> Design:
+def _restart_bad_windows(at: Sensitivities, s: float) -> Sensitivities:
     """Restart badly predicted windows from the measured states, where that is better. Small steps cannot move an
     initial state to the other side of a reversal or of backlash."""
-    linear = at.linear()
-    kept, left = at.shooting.record.kept, linear.chi2(s)
-    far = left > FAR * linear.reduced(s).freedom
+    linear = at.linear_model()
+    kept, left = at.shooting.record.selected_windows, linear.chi2(s)
+    far = left > BAD_WINDOW_RATIO * linear.normal_equations(s).degrees_of_freedom
     if not far.any():
         return at
-    begun = at.point.begun.copy()
-    begun[kept[far]] = at.shooting.begun(at.point.p)[kept[far]]
-    again = at.moved(at.point.with_begun(begun)).linear()
-    stays = again.chi2(s) > left - WORSE
-    begun[kept[stays]] = at.point.begun[kept[stays]]
-    return at.moved(at.point.with_begun(begun)) if (far & ~stays).any() else at
+    begun = at.point.initial_states.copy()
+    begun[kept[far]] = at.shooting.measured_initial_states(at.point.p)[kept[far]]
+    again = at.at_point(at.point.with_initial_states(begun)).linear_model()
+    stays = again.chi2(s) > left - LARGEST_CHI2_RISE
+    begun[kept[stays]] = at.point.initial_states[kept[stays]]
+    return at.at_point(at.point.with_initial_states(begun)) if (far & ~stays).any() else at
 
 
-def move_to(at: Design, linear: Linear, s: float, theta: Array) -> Point:
+def move_to_theta(at: Sensitivities, linear: LinearModel, s: float, theta: Array) -> OperatingPoint:
     """Return the point at θ, with each window's initial state at its optimum for that θ.
 
     Args:
@@ -88,12 +90,14 @@ def move_to(at: Design, linear: Linear, s: float, theta: Array) -> Point:
         theta: θ (P).
 
     """
-    begun = at.point.begun.copy()
-    begun[at.shooting.record.kept] += linear.inner(s, theta)[0]
-    return placed(at, theta, begun)
+    begun = at.point.initial_states.copy()
+    begun[at.shooting.record.selected_windows] += linear.solve_inner(s, theta)[0]
+    return place_theta(at, theta, begun)
 
 
-def try_point(at: Design, linear: Linear, s: float, point: Point) -> tuple[Design, Linear]:
+def try_point(
+    at: Sensitivities, linear: LinearModel, s: float, point: OperatingPoint
+) -> tuple[Sensitivities, LinearModel]:
     """Simulate a point. A window that its new initial state makes worse keeps the old one: where a joint sticks, or the
     simulation diverges, the columns say little.
 
@@ -107,19 +111,19 @@ def try_point(at: Design, linear: Linear, s: float, point: Point) -> tuple[Desig
         The design at the new point, and its linear model.
 
     """
-    trial = at.moved(point)
-    there = trial.linear()
+    trial = at.at_point(point)
+    there = trial.linear_model()
     left = [one.chi2(s) for one in (linear, there)]
-    worse = at.shooting.record.kept[left[1] > left[0] + WORSE]
+    worse = at.shooting.record.selected_windows[left[1] > left[0] + LARGEST_CHI2_RISE]
     if not len(worse):
         return trial, there
-    begun = point.begun.copy()
-    begun[worse] = at.point.begun[worse]
-    trial = at.moved(trial.point.with_begun(begun))
-    return trial, trial.linear()
+    begun = point.initial_states.copy()
+    begun[worse] = at.point.initial_states[worse]
+    trial = at.at_point(trial.point.with_initial_states(begun))
+    return trial, trial.linear_model()
 
 
-def placed(at: Design, theta: Array, begun: Array) -> Point:
+def place_theta(at: Sensitivities, theta: Array, begun: Array) -> OperatingPoint:
     """Return the point at θ, within the parameters' bounds. Nuisance effects move, too: they may be far above the
     noise, where their columns are only approximate.
 
@@ -130,12 +134,12 @@ def placed(at: Design, theta: Array, begun: Array) -> Point:
 
     """
     p = at.point.p.copy()
-    for value, c in zip(theta, at.words.columns, strict=True):
+    for value, c in zip(theta, at.candidates.columns, strict=True):
         p[c.index] = c.center + float(value) * c.unit
-    return Point(at.shooting.arm.parameters.within(p), begun)
+    return OperatingPoint(at.shooting.arm.parameters.clip_to_bounds(p), begun)
 
 
-def prior_widths(at: Design, atoms: tuple[int, ...]) -> Array:
+def compute_hypothesis_widths(at: Sensitivities, atoms: tuple[int, ...]) -> Array:
     """Return the prior standard deviations of θ (P) with the effects of a hypothesis free.
 
     Args:
@@ -143,10 +147,10 @@ def prior_widths(at: Design, atoms: tuple[int, ...]) -> Array:
         atoms: places of the hypothesis' candidates.
 
     """
-    return widths(at, at.words.free(atoms), at.point)
+    return compute_prior_widths(at, at.candidates.amplitude_columns(atoms), at.point)
 
 
-def widths(at: Design, free: NDArray[np.intp], point: Point) -> Array:
+def compute_prior_widths(at: Sensitivities, free: NDArray[np.intp], point: OperatingPoint) -> Array:
     """Return the prior standard deviations of θ (P) with some columns free. A parameter whose size spans orders of
     magnitude has a prior as wide as its present size, if that is more than typical.
 
@@ -156,14 +160,14 @@ def widths(at: Design, free: NDArray[np.intp], point: Point) -> Array:
         point: where the present sizes are taken.
 
     """
-    prior = at.words.spike
+    prior = at.candidates.spike_widths
     described = list(at.shooting.arm.parameters.described.values())
-    broad = np.array([is_broad(described[at.words.columns[k].index]) for k in free], bool)
-    prior[free] = np.where(broad, np.maximum(np.abs(at.words.theta(point.p)[free]), SLAB), SLAB)
+    broad = np.array([is_scale_free(described[at.candidates.columns[k].index]) for k in free], bool)
+    prior[free] = np.where(broad, np.maximum(np.abs(at.candidates.to_theta(point.p)[free]), SLAB_WIDTH), SLAB_WIDTH)
     return prior
 
 
-def put_sizes(at: Design, words: Dictionary, atoms: tuple[int, ...], theta: Array) -> Point:
+def place_sizes(at: Sensitivities, words: CandidateSet, atoms: tuple[int, ...], theta: Array) -> OperatingPoint:
     """Return the point of ``at`` with some candidates in their shapes and at given sizes, within their bounds.
 
     Args:
@@ -174,12 +178,12 @@ def put_sizes(at: Design, words: Dictionary, atoms: tuple[int, ...], theta: Arra
 
     """
     for k in atoms:
-        values = {c.index: c.center + float(theta[i]) * c.unit for i, c in enumerate(words.columns) if c.atom == k}
-        at = replace(at, point=put(at, words.atoms[k], values))
+        values = {c.index: c.center + float(theta[i]) * c.unit for i, c in enumerate(words.columns) if c.candidate == k}
+        at = replace(at, point=place_candidate(at, words.members[k], values))
     return at.point
 
 
-def put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
+def place_candidate(at: Sensitivities, atom: Candidate, values: Mapping[int, float]) -> OperatingPoint:
     """Return the point of ``at`` with a candidate's shapes and given parameters, within their bounds.
 
     Args:
@@ -188,11 +192,11 @@ def put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
         values: parameters by their place in p.
 
     """
-    p, begun = at.point.p.copy(), at.point.begun
-    atom.shape(at.shooting.arm, p)
+    p, begun = at.point.p.copy(), at.point.initial_states
+    atom.apply_shapes(at.shooting.arm, p)
     for index, value in values.items():
         p[index] = value
-    p = at.shooting.arm.parameters.within(p)
+    p = at.shooting.arm.parameters.clip_to_bounds(p)
     if atom.place == "sensor":  # the windows begin where the encoders say
-        begun = begun + at.shooting.begun(p) - at.shooting.begun(at.point.p)
-    return Point(p, begun)
+        begun = begun + at.shooting.measured_initial_states(p) - at.shooting.measured_initial_states(at.point.p)
+    return OperatingPoint(p, begun)

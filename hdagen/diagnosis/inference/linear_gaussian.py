@@ -22,14 +22,14 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 
-ROUNDED = 1e-12  # of terms that cancel: the rounding error of their sum
-RIDGE = 1e-10  # added to an initial state that a window does not determine
-ROOT = 1.0  # exponent of the scale in a window's misfit beyond chance; Huber's weights would take 0.5
-CHANCE = 3.0  # standard deviations of chi² that a window may exceed its expectation by chance
+ROUNDING_FLOOR = 1e-12  # of terms that cancel: the rounding error of their sum
+STATE_RIDGE = 1e-10  # added to an initial state that a window does not determine
+SCALE_EXPONENT = 1.0  # exponent of the scale in a window's misfit beyond chance; Huber's weights would take 0.5
+CHI2_ALLOWANCE = 3.0  # standard deviations of chi² that a window may exceed its expectation by chance
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class EliminatedStates:
     """Initial states eliminated, and torques rotated into eigenvectors window by window, so that any size s of theirs
     costs a product.
 
@@ -39,30 +39,30 @@ class Spectrum:
     """
 
     L: Array
-    first: Array
-    turn: Array
-    power: Array
-    told: Array
+    whitened: Array
+    eigenvectors: Array
+    eigenvalues: Array
+    cross: Array
     N: Array
 
     @classmethod
-    def of(cls, products: Array, m: int, k: int) -> Spectrum:
+    def from_products(cls, products: Array, m: int, k: int) -> EliminatedStates:
         """Eliminate the initial states from the cross products (W, C, C) of [S | B | J], S having m columns and B
         having k."""
         A = products[:, :m, :m].copy()
-        A[:, range(m), range(m)] += RIDGE * (A[:, range(m), range(m)] + 1.0)
+        A[:, range(m), range(m)] += STATE_RIDGE * (A[:, range(m), range(m)] + 1.0)
         L = np.asarray(np.linalg.cholesky(A), float)
         first = np.linalg.solve(L, products[:, :m, m:])
         left = products[:, m : m + k, m:] - first[..., :k].swapaxes(1, 2) @ first
         power, turn = (np.asarray(part, float) for part in np.linalg.eigh(left[..., :k]))
-        N = _less(products[:, m + k :, m + k :], first[..., k:])
+        N = _subtract_squares(products[:, m + k :, m + k :], first[..., k:])
         return cls(L, first, turn, np.maximum(power, 0.0), turn.swapaxes(1, 2) @ left[..., k:], N)
 
-    def weights(self, s: float) -> Array:
+    def torque_variances(self, s: float) -> Array:
         """Return the posterior variances (W, k) of the rotated torques of prior standard deviation ``s``."""
-        return np.asarray(s**2 / (1.0 + s**2 * self.power))
+        return np.asarray(s**2 / (1.0 + s**2 * self.eigenvalues))
 
-    def logdet(self, s: float) -> float:
+    def log_determinant(self, s: float) -> float:
         """Return the log determinant of the eliminated unknowns. An initial state gains by chance as much as it costs,
         so models with any number of them can be compared.
 
@@ -70,21 +70,21 @@ class Spectrum:
             s: prior standard deviation of the torques.
 
         """
-        return float(np.log1p(s**2 * self.power).sum()) + self.L.shape[1] * len(self.L)
+        return float(np.log1p(s**2 * self.eigenvalues).sum()) + self.L.shape[1] * len(self.L)
 
-    def heard(self, z: Array) -> tuple[Array, Array, Array]:
+    def project(self, z: Array) -> tuple[Array, Array, Array]:
         """Project residuals onto initial states (W, m, B), then rotated torques (W, k, B), then parameters (W, P, B).
 
         Args:
             z: products of the columns with the residuals (W, C, B).
 
         """
-        m, k = self.L.shape[1], self.turn.shape[1]
+        m, k = self.L.shape[1], self.eigenvectors.shape[1]
         first = np.asarray(np.linalg.solve(self.L, z[:, :m]), float)
-        left = z[:, m:] - self.first.swapaxes(1, 2) @ first
-        return first, self.turn.swapaxes(1, 2) @ left[:, :k], left[:, k:]
+        left = z[:, m:] - self.whitened.swapaxes(1, 2) @ first
+        return first, self.eigenvectors.swapaxes(1, 2) @ left[:, :k], left[:, k:]
 
-    def residuals(self, heard: tuple[Array, Array, Array], r2: Array, s: float) -> tuple[Array, Array]:
+    def eliminate_torques(self, heard: tuple[Array, Array, Array], r2: Array, s: float) -> tuple[Array, Array]:
         """Eliminate the torques from projected residuals, too.
 
         Args:
@@ -97,10 +97,10 @@ class Spectrum:
 
         """
         first, turned, own = heard
-        weighted = turned * self.weights(s)[..., None]
-        return own - self.told.swapaxes(1, 2) @ weighted, r2 - (first**2).sum(1) - (turned * weighted).sum(1)
+        weighted = turned * self.torque_variances(s)[..., None]
+        return own - self.cross.swapaxes(1, 2) @ weighted, r2 - (first**2).sum(1) - (turned * weighted).sum(1)
 
-    def left(self, s: float) -> Array:
+    def reduced_products(self, s: float) -> Array:
         """Return J'CJ (W, P, P) with the torques eliminated, too.
 
         Args:
@@ -109,25 +109,25 @@ class Spectrum:
         """
         if s == 0.0:
             return self.N
-        return _less(self.N, self.told * np.sqrt(self.weights(s))[..., None])
+        return _subtract_squares(self.N, self.cross * np.sqrt(self.torque_variances(s))[..., None])
 
 
-def _less(products: Array, of: Array) -> Array:
+def _subtract_squares(products: Array, of: Array) -> Array:
     """Return ``products`` (W, C, C) less ``of``'``of`` of each window (W, r, C)."""
     told = np.matmul(of.swapaxes(1, 2), of)
     return np.asarray(np.subtract(products, told, out=told))
 
 
 @dataclass(frozen=True, eq=False)
-class Gram:
+class CrossProducts:
     """Cross products of [S | B | J] of each window (W, C, C), with ``m`` and ``k`` columns of S and B."""
 
     products: Array
     m: int
     k: int
-    kept: dict[float, Array] = field(default_factory=dict)
+    reduced_cache: dict[float, Array] = field(default_factory=dict)
 
-    def some(self, columns: Sequence[int]) -> Array:
+    def take_columns(self, columns: Sequence[int]) -> Array:
         """Return the products of some columns (W, c, c). They are copied in the order of memory: an index of lists
         would transpose them.
 
@@ -141,11 +141,11 @@ class Gram:
         return found
 
     @cached_property
-    def spectrum(self) -> Spectrum:
+    def eliminated_states(self) -> EliminatedStates:
         """Initial states eliminated, torques rotated."""
-        return Spectrum.of(self.products, self.m, self.k)
+        return EliminatedStates.from_products(self.products, self.m, self.k)
 
-    def freedom(self, rows: Array) -> Array:
+    def degrees_of_freedom(self, rows: Array) -> Array:
         """Return the degrees of freedom of each window (W).
 
         Args:
@@ -154,56 +154,56 @@ class Gram:
         """
         return np.maximum(rows - self.m, 1)
 
-    def forget(self) -> None:
+    def drop_caches(self) -> None:
         """Drop all that can be computed again from the products: it is several times as large."""
-        self.kept.clear()
+        self.reduced_cache.clear()
         self.__dict__.pop("spectrum", None)
 
-    def left(self, s: float) -> Array:
+    def reduced_products(self, s: float) -> Array:
         """Return J'CJ (W, P, P); the last two results are kept.
 
         Args:
             s: prior standard deviation of the torques.
 
         """
-        found = self.kept.get(s)
+        found = self.reduced_cache.get(s)
         if found is None:
-            for old in list(self.kept)[:-1]:
-                self.kept.pop(old, None)
-            self.kept[s] = found = self.spectrum.left(s)
+            for old in list(self.reduced_cache)[:-1]:
+                self.reduced_cache.pop(old, None)
+            self.reduced_cache[s] = found = self.eliminated_states.reduced_products(s)
         return found
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class LinearModel:
     """Columns with a residual.
 
     ``z``: products of the columns with the residual (W, C); ``r2``: its square (W); ``rows`` of data (W); ``theta``:
-    where it was measured (P); ``temperature``: the likelihood counts as its root of this order; ``least``: size of the
-    torques that the inputs' uncertainty alone causes.
+    where it was measured (P); ``temperature``: the likelihood counts as its root of this order; ``least_torque``: size
+    of the torques that the inputs' uncertainty alone causes.
     """
 
-    gram: Gram
+    cross_products: CrossProducts
     z: Array
     r2: Array
     rows: Array
     theta: Array
     temperature: float = 1.0
-    least: float = 0.0
-    kept: dict[float, tuple[Array, Array]] = field(init=False, repr=False, default_factory=dict)
-    stood: dict[float, Array] = field(init=False, repr=False, default_factory=dict)
+    least_torque: float = 0.0
+    residual_cache: dict[float, tuple[Array, Array]] = field(init=False, repr=False, default_factory=dict)
+    misfit_cache: dict[float, Array] = field(init=False, repr=False, default_factory=dict)
 
     @property
     def m(self) -> int:
         """Columns of first states."""
-        return self.gram.m
+        return self.cross_products.m
 
     @property
     def k(self) -> int:
         """Columns of torques."""
-        return self.gram.k
+        return self.cross_products.k
 
-    def reduced(self, s: float) -> Reduced:
+    def normal_equations(self, s: float) -> NormalEquations:
         """Eliminate initial states and torques.
 
         Args:
@@ -213,34 +213,40 @@ class Linear:
             Normal equations of each window for θ.
 
         """
-        e = self.gram.spectrum
-        if s not in self.kept:
-            b, c = e.residuals(self._heard, self.r2[:, None], s)
-            self.kept[s] = b[..., 0], c[:, 0]
-        return Reduced(self.gram.left(s), *self.kept[s], e.logdet(s), self.gram.freedom(self.rows), self.temperature)
+        e = self.cross_products.eliminated_states
+        if s not in self.residual_cache:
+            b, c = e.eliminate_torques(self._projections, self.r2[:, None], s)
+            self.residual_cache[s] = b[..., 0], c[:, 0]
+        return NormalEquations(
+            self.cross_products.reduced_products(s),
+            *self.residual_cache[s],
+            e.log_determinant(s),
+            self.cross_products.degrees_of_freedom(self.rows),
+            self.temperature,
+        )
 
     def chi2(self, s: float) -> Array:
-        """Return the misfit (W) at the point of measurement, as `Reduced.chi2` defines it.
+        """Return the misfit (W) at the point of measurement, as `NormalEquations.chi2` defines it.
 
         Args:
             s: prior standard deviation of the torques.
 
         """
-        if s not in self.stood:
-            self.stood[s] = self.reduced(s).chi2(self.theta)
-        return self.stood[s]
+        if s not in self.misfit_cache:
+            self.misfit_cache[s] = self.normal_equations(s).chi2(self.theta)
+        return self.misfit_cache[s]
 
     def cost(self, s: float, prior: Array) -> float:
-        """Return minus twice the log posterior at the point of measurement, as `Reduced.cost` defines it.
+        """Return minus twice the log posterior at the point of measurement, as `NormalEquations.cost` defines it.
 
         Args:
             s: prior standard deviation of the torques.
             prior: prior standard deviations of θ (P).
 
         """
-        return self.reduced(s).costs(self.theta, prior, self.chi2(s))
+        return self.normal_equations(s).cost_from_misfit(self.theta, prior, self.chi2(s))
 
-    def inner(self, s: float, theta: Array) -> tuple[Array, Array]:
+    def solve_inner(self, s: float, theta: Array) -> tuple[Array, Array]:
         """Solve for the initial states and torques that go with θ.
 
         Args:
@@ -251,45 +257,45 @@ class Linear:
             Changes of the initial states (W, m) and torques (W, k), in their units.
 
         """
-        e = self.gram.spectrum
-        first, turned = (part[..., 0] for part in self._heard[:2])
-        torques = np.einsum("wij,wj->wi", e.turn, e.weights(s) * (turned - e.told @ theta))
-        at = first - np.einsum("wmc,wc->wm", e.first, np.column_stack([torques, np.tile(theta, (len(torques), 1))]))
+        e = self.cross_products.eliminated_states
+        first, turned = (part[..., 0] for part in self._projections[:2])
+        torques = np.einsum("wij,wj->wi", e.eigenvectors, e.torque_variances(s) * (turned - e.cross @ theta))
+        at = first - np.einsum("wmc,wc->wm", e.whitened, np.column_stack([torques, np.tile(theta, (len(torques), 1))]))
         return np.linalg.solve(e.L.swapaxes(1, 2), at[..., None])[..., 0], torques
 
     @cached_property
-    def _heard(self) -> tuple[Array, Array, Array]:
+    def _projections(self) -> tuple[Array, Array, Array]:
         """Projections of the residual."""
-        return self.gram.spectrum.heard(self.z[..., None])
+        return self.cross_products.eliminated_states.project(self.z[..., None])
 
 
 @dataclass(frozen=True, eq=False)
-class Reduced:
+class NormalEquations:
     """Normal equations of each window for θ: J'CJ (W, P, P), J'Cr (W, P), r'Cr (W), degrees of freedom (W); the log
     determinant of all; the temperature of the likelihood."""
 
     N: Array
     b: Array
     c: Array
-    logdet: float
-    freedom: Array
+    log_determinant: float
+    degrees_of_freedom: Array
     temperature: float = 1.0
 
-    def about(self, center: Array) -> Reduced:
+    def centered_at(self, center: Array) -> NormalEquations:
         """Return the equations for θ less a center.
 
         Args:
             center: the center (P).
 
         """
-        N = self._times(center)
+        N = self._multiply_products(center)
         return replace(self, b=self.b - N, c=self.c + (N - 2 * self.b) @ center)
 
-    def _times(self, theta: Array) -> Array:
+    def _multiply_products(self, theta: Array) -> Array:
         """Return J'CJ θ (W, P) by one large product instead of a small one for each window."""
         return np.asarray((self.N.reshape(-1, len(theta)) @ theta).reshape(self.b.shape))
 
-    def summed(self, kappa2: Array) -> Summed:
+    def sum_windows(self, kappa2: Array) -> TotalNormalEquations:
         """Return the sum over all windows.
 
         Args:
@@ -297,8 +303,8 @@ class Reduced:
 
         """
         weight = 1.0 / kappa2
-        log = self.logdet + float(self.freedom @ np.log(kappa2))
-        return Summed(np.tensordot(weight, self.N, 1), weight @ self.b, float(weight @ self.c), log)
+        log = self.log_determinant + float(self.degrees_of_freedom @ np.log(kappa2))
+        return TotalNormalEquations(np.tensordot(weight, self.N, 1), weight @ self.b, float(weight @ self.c), log)
 
     def chi2(self, theta: Array) -> Array:
         """Return the misfit of each window (W), in units of noise, squared; at least the rounding error of its terms.
@@ -307,9 +313,9 @@ class Reduced:
             theta: θ (P).
 
         """
-        return left(self.N, self.b[..., None], self.c[:, None], theta[:, None])[:, 0]
+        return compute_misfit(self.N, self.b[..., None], self.c[:, None], theta[:, None])[:, 0]
 
-    def scales(self, theta: Array) -> Array:
+    def window_scales(self, theta: Array) -> Array:
         """Return κ² of each window (W): 1, or a power of its misfit beyond chance. With a higher power a model would
         rather give up windows than explain them.
 
@@ -317,16 +323,16 @@ class Reduced:
             theta: θ (P).
 
         """
-        return self.scaled(self.chi2(theta))
+        return self.scales_from_misfit(self.chi2(theta))
 
-    def scaled(self, left: Array) -> Array:
+    def scales_from_misfit(self, left: Array) -> Array:
         """Return the same from the misfit.
 
         Args:
             left: misfit of each window (W).
 
         """
-        return scaled(left, self.freedom)
+        return compute_window_scales(left, self.degrees_of_freedom)
 
     def cost(self, theta: Array, prior: Array, kappa2: Array | None = None) -> float:
         """Return minus twice the log posterior of θ, but for constants.
@@ -337,9 +343,9 @@ class Reduced:
             kappa2: squared noise scales (W); without them each window takes its own.
 
         """
-        return self.costs(theta, prior, self.chi2(theta), kappa2)
+        return self.cost_from_misfit(theta, prior, self.chi2(theta), kappa2)
 
-    def costs(self, theta: Array, prior: Array, left: Array, kappa2: Array | None = None) -> float:
+    def cost_from_misfit(self, theta: Array, prior: Array, left: Array, kappa2: Array | None = None) -> float:
         """Return the same from the misfit.
 
         Args:
@@ -350,13 +356,14 @@ class Reduced:
 
         """
         if kappa2 is None:
-            kappa2 = self.scaled(left)
-        likelihood = float((left / kappa2 + self.freedom * np.log(kappa2)).sum())
+            kappa2 = self.scales_from_misfit(left)
+        likelihood = float((left / kappa2 + self.degrees_of_freedom * np.log(kappa2)).sum())
         return likelihood / self.temperature + float((theta**2 / prior**2).sum())
 
 
-def left(N: Array, b: Array, c: Array, theta: Array) -> Array:
-    """Return the misfit (W, B) of residuals with the same columns, each at its own θ, as `Reduced.chi2` does for one.
+def compute_misfit(N: Array, b: Array, c: Array, theta: Array) -> Array:
+    """Return the misfit (W, B) of residuals with the same columns, each at its own θ, as `NormalEquations.chi2` does
+    for one.
 
     Args:
         N: J'CJ (W, P, P).
@@ -367,11 +374,11 @@ def left(N: Array, b: Array, c: Array, theta: Array) -> Array:
     """
     told = np.einsum("wpb,pb->wb", b, theta)
     own = np.einsum("wpb,pb->wb", (N.reshape(-1, len(theta)) @ theta).reshape(b.shape), theta)
-    rounded = ROUNDED * (np.abs(c) + 2 * np.abs(told) + np.abs(own))
+    rounded = ROUNDING_FLOOR * (np.abs(c) + 2 * np.abs(told) + np.abs(own))
     return np.asarray(np.maximum(c - 2 * told + own, rounded))
 
 
-def scaled(left: Array, freedom: Array) -> Array:
+def compute_window_scales(left: Array, freedom: Array) -> Array:
     """Return the squared noise scales κ² of windows.
 
     Args:
@@ -379,16 +386,16 @@ def scaled(left: Array, freedom: Array) -> Array:
         freedom: their degrees of freedom.
 
     """
-    chance = freedom * (1.0 + CHANCE * np.sqrt(2.0 / freedom))
-    return np.asarray(np.maximum(left / chance, 1.0) ** ROOT)
+    chance = freedom * (1.0 + CHI2_ALLOWANCE * np.sqrt(2.0 / freedom))
+    return np.asarray(np.maximum(left / chance, 1.0) ** SCALE_EXPONENT)
 
 
 @dataclass(frozen=True, eq=False)
-class Summed:
+class TotalNormalEquations:
     """The likelihood of θ with fixed noise scales: minus twice its logarithm is c − 2 b'θ + θ'N θ + log, with N (P, P),
     b (P)."""
 
     N: Array
     b: Array
     c: float
-    log: float
+    log_normalizer: float

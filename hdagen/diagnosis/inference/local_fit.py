@@ -17,57 +17,86 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
-from hdagen.diagnosis.inference.candidate_priors import TOLERATED, Dictionary
-from hdagen.diagnosis.inference.gauss_newton import ENOUGH, descend, move_to, prior_widths, try_point
-from hdagen.diagnosis.inference.linear_gaussian import Summed
-from hdagen.diagnosis.inference.marginal_likelihood import Posterior, Scored, laplace, posterior, posteriors
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
-from hdagen.diagnosis.inference.sensitivities import TEMPERATURE, Design, Point, chosen, design, knots
+from hdagen.diagnosis.inference.candidate_priors import NUISANCE_LIMIT, CandidateSet
+from hdagen.diagnosis.inference.gauss_newton import (
+    LEAST_EVIDENCE_STEP,
+    compute_hypothesis_widths,
+    descend_gauss_newton,
+    move_to_theta,
+    try_point,
+)
+from hdagen.diagnosis.inference.linear_gaussian import TotalNormalEquations
+from hdagen.diagnosis.inference.marginal_likelihood import (
+    Posterior,
+    ScoredHypothesis,
+    apply_laplace,
+    compute_posteriors,
+    solve_at_scales,
+)
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.sensitivities import (
+    LIKELIHOOD_TEMPERATURE,
+    OperatingPoint,
+    Sensitivities,
+    compute_sensitivities,
+    count_torque_steps,
+    select_columns,
+)
 
-FEW = 2  # a subset is evaluated if it has fewer effects than this, or lacks fewer than this
-DEPENDENT = 100.0  # log evidence still to be gained, for each multiple of the least temperature
-STIFF = 0.1  # of the unexplained torque, that a step allows first: all of it would replace the parameters' own change
-LOUD = 2.0  # squared noise scale from which a step allows all of it first: no parameter explains most of the misfit
+SUBSET_MARGIN = 2  # a subset is evaluated if it has fewer effects than this, or lacks fewer than this
+MISFIT_OF_TEMPERATURE = 100.0  # log evidence still to be gained, for each multiple of the least temperature
+STIFF_TORQUE_SHARE = (
+    0.1  # of the unexplained torque, that a step allows first: all of it would replace the parameters' own change
+)
+LARGE_NOISE_LEVEL = (
+    2.0  # squared noise scale from which a step allows all of it first: no parameter explains most of the misfit
+)
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class Fit:
     """A hypothesis at its present point, with the linear model and the score there."""
 
-    atoms: tuple[int, ...]
-    design: Design
-    score: Scored
-    unexplained: Array  # torque that it leaves unexplained at each joint (n), rms, in its unit
-    clean: float  # log evidence that it would have with a residual of noise alone
-    ahead: float  # part of its log evidence that only the linear model predicts, at a θ not yet reached
-    stands: bool = False  # whether no further step helps
-    kept: tuple[Summed, Mapping[tuple[int, ...], float]] | None = None  # summary of the columns, once they are dropped
+    effects: tuple[int, ...]
+    sensitivities: Sensitivities
+    score: ScoredHypothesis
+    unexplained_torque: Array  # torque that it leaves unexplained at each joint (n), rms, in its unit
+    noise_only_evidence: float  # log evidence that it would have with a residual of noise alone
+    predicted_gain: float  # part of its log evidence that only the linear model predicts, at a θ not yet reached
+    has_converged: bool = False  # whether no further step helps
+    summary: tuple[TotalNormalEquations, Mapping[tuple[int, ...], float]] | None = (
+        None  # summary of the columns, once they are dropped
+    )
 
     @property
-    def whole(self) -> bool:
+    def has_columns(self) -> bool:
         """Whether the fit still has its columns."""
-        return self.kept is None
+        return self.summary is None
 
-    def bare(self) -> Fitted:
+    def without_columns(self) -> Fit:
         """Return all that a decision needs of the fit, without the columns, which would fill the memory."""
-        if self.kept:
+        if self.summary:
             return self
-        return replace(self, design=self.design.bare(), kept=(self._summed, self._overrated))
+        return replace(
+            self,
+            sensitivities=self.sensitivities.without_columns(),
+            summary=(self._total_equations, self._prediction_errors),
+        )
 
     @property
-    def lesser(self) -> list[tuple[int, ...]]:
+    def subsets(self) -> list[tuple[int, ...]]:
         """The hypothesis and its subsets. Each subset costs a simulation, so of many effects only sets that have nearly
         all or nearly none of them are listed."""
-        many = len(self.atoms)
-        counts = sorted({count for count in range(many + 1) if min(count, many - count) < FEW})
-        return [some for count in counts for some in combinations(self.atoms, count)]
+        many = len(self.effects)
+        counts = sorted({count for count in range(many + 1) if min(count, many - count) < SUBSET_MARGIN})
+        return [some for count in counts for some in combinations(self.effects, count)]
 
     @property
-    def reached(self) -> float:
+    def evidence_here(self) -> float:
         """Log evidence at the present point; `score` adds the gain that the linear model predicts nearby."""
-        return self.score.evidence - self.ahead
+        return self.score.evidence - self.predicted_gain
 
-    def evidence(self, temperature: float, atoms: tuple[int, ...] | None = None) -> float:
+    def tempered_evidence(self, temperature: float, atoms: tuple[int, ...] | None = None) -> float:
         """Compute the log evidence of the hypothesis or of a subset at this point, where the effects left out become
         nuisance effects, as far as the linear model holds.
 
@@ -80,11 +109,14 @@ class Fitted:
 
         """
         if atoms is None:
-            atoms = self.atoms
-        summed, overrated = self.kept or (self._summed, self._overrated)
-        return self._worth(summed, atoms, temperature) - 0.5 * overrated[atoms] * TEMPERATURE / temperature
+            atoms = self.effects
+        summed, overrated = self.summary or (self._total_equations, self._prediction_errors)
+        return (
+            self._evidence_of(summed, atoms, temperature)
+            - 0.5 * overrated[atoms] * LIKELIHOOD_TEMPERATURE / temperature
+        )
 
-    def promised(self, atoms: tuple[int, ...]) -> float:
+    def predicted_evidence(self, atoms: tuple[int, ...]) -> float:
         """Predict the log evidence of any hypothesis by the linear model at this point.
 
         Args:
@@ -94,9 +126,9 @@ class Fitted:
             The log evidence.
 
         """
-        return self._worth(self._summed, atoms, TEMPERATURE)
+        return self._evidence_of(self._total_equations, atoms, LIKELIHOOD_TEMPERATURE)
 
-    def standing(self, atoms: tuple[int, ...]) -> Array:
+    def optimum_with(self, atoms: tuple[int, ...]) -> Array:
         """Predict the optimum of any hypothesis by the linear model at this point.
 
         Args:
@@ -106,31 +138,43 @@ class Fitted:
             θ (P).
 
         """
-        return self._without(self._summed, atoms, TEMPERATURE).mean
+        return self._posterior_of(self._total_equations, atoms, LIKELIHOOD_TEMPERATURE).mean
 
-    def _worth(self, summed: Summed, atoms: tuple[int, ...], temperature: float) -> float:
-        found, prior = self._without(summed, atoms, temperature), prior_widths(self.design, atoms)
-        return found.worth(prior, self.design.words.own(atoms))
+    def _evidence_of(self, summed: TotalNormalEquations, atoms: tuple[int, ...], temperature: float) -> float:
+        found, prior = (
+            self._posterior_of(summed, atoms, temperature),
+            compute_hypothesis_widths(self.sensitivities, atoms),
+        )
+        return found.evidence_paid_by(prior, self.sensitivities.candidates.hypothesis_columns(atoms))
 
-    def _without(self, summed: Summed, atoms: tuple[int, ...], temperature: float) -> Posterior:
-        at, bounds = self.score.at, self.design.words.meaning(atoms).bounds(self.design.shooting.arm)
-        return laplace(summed, prior_widths(self.design, atoms), at.s, at.kappa2, bounds, temperature)
+    def _posterior_of(self, summed: TotalNormalEquations, atoms: tuple[int, ...], temperature: float) -> Posterior:
+        at, bounds = (
+            self.score.posterior,
+            self.sensitivities.candidates.with_active(atoms).theta_bounds(self.sensitivities.shooting.arm),
+        )
+        return apply_laplace(
+            summed, compute_hypothesis_widths(self.sensitivities, atoms), at.s, at.kappa2, bounds, temperature
+        )
 
     @cached_property
-    def _summed(self) -> Summed:
+    def _total_equations(self) -> TotalNormalEquations:
         """Normal equations of its columns at its present point."""
-        return self.design.linear().reduced(self.score.at.s).summed(self.score.at.kappa2)
+        return (
+            self.sensitivities.linear_model()
+            .normal_equations(self.score.posterior.s)
+            .sum_windows(self.score.posterior.kappa2)
+        )
 
     @cached_property
-    def _overrated(self) -> dict[tuple[int, ...], float]:
+    def _prediction_errors(self) -> dict[tuple[int, ...], float]:
         """Error of the linear model's prediction for each subset, in minus twice the log posterior: without a large
         effect, a model linearized about it does not hold."""
-        found = {self.atoms: 2.0 * self.ahead}
-        linear, s = self.design.linear(), self.score.at.s
-        reduced = linear.reduced(s)
-        for atoms in self.lesser[:-1]:
-            theta, prior = self.standing(atoms), prior_widths(self.design, atoms)
-            there = try_point(self.design, linear, s, move_to(self.design, linear, s, theta))[1]
+        found = {self.effects: 2.0 * self.predicted_gain}
+        linear, s = self.sensitivities.linear_model(), self.score.posterior.s
+        reduced = linear.normal_equations(s)
+        for atoms in self.subsets[:-1]:
+            theta, prior = self.optimum_with(atoms), compute_hypothesis_widths(self.sensitivities, atoms)
+            there = try_point(self.sensitivities, linear, s, move_to_theta(self.sensitivities, linear, s, theta))[1]
             found[atoms] = max(there.cost(s, prior) - reduced.cost(theta, prior), 0.0)
         return found
 
@@ -138,25 +182,27 @@ class Fitted:
     def temperature(self) -> float:
         """Temperature of the likelihood in a decision. Another model might explain the remaining misfit, so an effect
         must gain a share of it."""
-        return TEMPERATURE * self.excess
+        return LIKELIHOOD_TEMPERATURE * self.misfit_temperature
 
     @property
-    def excess(self) -> float:
+    def misfit_temperature(self) -> float:
         """That temperature in multiples of the least."""
-        return max(1.0, (self.clean - self.reached) / DEPENDENT)
+        return max(1.0, (self.noise_only_evidence - self.evidence_here) / MISFIT_OF_TEMPERATURE)
 
     @property
     def names(self) -> tuple[str, ...]:
         """The effects as name@joint, sorted; empty for none."""
-        return self.design.words.names(self.atoms)
+        return self.sensitivities.candidates.names_of(self.effects)
 
     @property
     def posterior(self) -> tuple[Array, Array]:
         """The most probable θ within its bounds, and its covariance."""
-        return self.score.at.mean, self.score.at.covariance
+        return self.score.posterior.mean, self.score.posterior.covariance
 
 
-def begun(at: Design, words: Dictionary, atoms: tuple[int, ...], near: float, start: Point | None = None) -> Fitted:
+def start_fit(
+    at: Sensitivities, words: CandidateSet, atoms: tuple[int, ...], near: float, start: OperatingPoint | None = None
+) -> Fit:
     """Start the fit of a hypothesis.
 
     Args:
@@ -171,17 +217,17 @@ def begun(at: Design, words: Dictionary, atoms: tuple[int, ...], near: float, st
 
     """
     if start is not None:
-        return _there(at.shooting, words, atoms, start, near)
-    own = chosen(at, words.focused(atoms))
+        return _linearize_at(at.shooting, words, atoms, start, near)
+    own = select_columns(at, words.columns_for(atoms))
     p = at.point.p.copy()
     for k in atoms:
-        words.atoms[k].shape(at.shooting.arm, p)
+        words.members[k].apply_shapes(at.shooting.arm, p)
     if not np.array_equal(p, at.point.p):
-        own.point = Point(p, at.point.begun)
-    return _scored(own, atoms, near)
+        own.point = OperatingPoint(p, at.point.initial_states)
+    return _score_fit(own, atoms, near)
 
 
-def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
+def refit_without(fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit:
     """Start a hypothesis with fewer effects at the point of a fit, with the others reduced to the largest nuisance
     size. From the robot file's numbers it may not have found this optimum.
 
@@ -194,16 +240,20 @@ def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
         The fit before its first step.
 
     """
-    p = fit.design.point.p.copy()
+    p = fit.sensitivities.point.p.copy()
     for c in words.columns:
-        if c.atom in fit.atoms and c.atom not in atoms:
-            most = TOLERATED * c.spike * abs(c.unit)
+        if c.candidate in fit.effects and c.candidate not in atoms:
+            most = NUISANCE_LIMIT * c.spike_width * abs(c.unit)
             p[c.index] = min(max(p[c.index], c.center - most), c.center + most)
-    point = Point(fit.design.shooting.arm.parameters.within(p), fit.design.point.begun)
-    return _there(fit.design.shooting, words, atoms, point, fit.score.at.s, fit.clean)
+    point = OperatingPoint(
+        fit.sensitivities.shooting.arm.parameters.clip_to_bounds(p), fit.sensitivities.point.initial_states
+    )
+    return _linearize_at(
+        fit.sensitivities.shooting, words, atoms, point, fit.score.posterior.s, fit.noise_only_evidence
+    )
 
 
-def instead(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
+def refit_swapping(fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit:
     """Start a hypothesis where the linear model of a fit predicts its optimum. Look-alike effects have it there, and
     from the robot file's numbers the hypothesis may not have found it.
 
@@ -216,14 +266,14 @@ def instead(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
         The fit before its first step.
 
     """
-    at, arm, s = fit.design, fit.design.shooting.arm, fit.score.at.s
-    point = move_to(at, at.linear(), s, fit.standing(atoms))
-    for k in set(atoms) - set(fit.atoms):
-        words.atoms[k].shape(arm, point.p)
-    return _there(at.shooting, words, atoms, point, s, fit.clean)
+    at, arm, s = fit.sensitivities, fit.sensitivities.shooting.arm, fit.score.posterior.s
+    point = move_to_theta(at, at.linear_model(), s, fit.optimum_with(atoms))
+    for k in set(atoms) - set(fit.effects):
+        words.members[k].apply_shapes(arm, point.p)
+    return _linearize_at(at.shooting, words, atoms, point, s, fit.noise_only_evidence)
 
 
-def anew(start: Point, fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
+def refit_from_start(start: OperatingPoint, fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit:
     """Start the effects of a fit at the base parameters of another point. Before all effects were in the hypothesis,
     the base parameters moved in their place, and may be stuck behind a valley.
 
@@ -237,15 +287,17 @@ def anew(start: Point, fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -
         The fit before its first step.
 
     """
-    p, names = start.p.copy(), list(fit.design.shooting.arm.parameters.described)
+    p, names = start.p.copy(), list(fit.sensitivities.shooting.arm.parameters.described)
     for k in atoms:
-        for name in (*words.atoms[k].amplitudes, *words.atoms[k].shapes):
-            p[names.index(name)] = fit.design.point.p[names.index(name)]
-    point = Point(p, fit.design.shooting.begun(p))
-    return _there(fit.design.shooting, words, atoms, point, fit.score.at.s, fit.clean)
+        for name in (*words.members[k].amplitudes, *words.members[k].shapes):
+            p[names.index(name)] = fit.sensitivities.point.p[names.index(name)]
+    point = OperatingPoint(p, fit.sensitivities.shooting.measured_initial_states(p))
+    return _linearize_at(
+        fit.sensitivities.shooting, words, atoms, point, fit.score.posterior.s, fit.noise_only_evidence
+    )
 
 
-def again(fit: Fitted, words: Dictionary) -> Fitted:
+def restore_columns(fit: Fit, words: CandidateSet) -> Fit:
     """Compute the dropped columns of a fit again at its present point.
 
     Args:
@@ -256,10 +308,17 @@ def again(fit: Fitted, words: Dictionary) -> Fitted:
         The fit with its columns.
 
     """
-    return _there(fit.design.shooting, words, fit.atoms, fit.design.point, fit.score.at.s, fit.clean)
+    return _linearize_at(
+        fit.sensitivities.shooting,
+        words,
+        fit.effects,
+        fit.sensitivities.point,
+        fit.score.posterior.s,
+        fit.noise_only_evidence,
+    )
 
 
-def sharing(fit: Fitted, share: float) -> Fitted:
+def rescale_spikes(fit: Fit, share: float) -> Fit:
     """Return a fit with another spike width of its inactive effects. Without columns, the fit's summary stands in for
     them.
 
@@ -268,16 +327,22 @@ def sharing(fit: Fitted, share: float) -> Fitted:
         share: spike width in typical sizes.
 
     """
-    at = fit.design.sharing(share)
-    if fit.kept is None:
-        return _scored(at, fit.atoms, fit.score.at.s)
-    other = replace(fit, design=at, stands=False)
-    found = other._without(fit.kept[0], fit.atoms, TEMPERATURE)
-    evidence = found.worth(prior_widths(at, fit.atoms), at.words.own(fit.atoms))
-    return replace(other, score=Scored(fit.atoms, evidence, found), clean=fit.clean + evidence - fit.score.evidence)
+    at = fit.sensitivities.with_spike_scale(share)
+    if fit.summary is None:
+        return _score_fit(at, fit.effects, fit.score.posterior.s)
+    other = replace(fit, sensitivities=at, has_converged=False)
+    found = other._posterior_of(fit.summary[0], fit.effects, LIKELIHOOD_TEMPERATURE)
+    evidence = found.evidence_paid_by(
+        compute_hypothesis_widths(at, fit.effects), at.candidates.hypothesis_columns(fit.effects)
+    )
+    return replace(
+        other,
+        score=ScoredHypothesis(fit.effects, evidence, found),
+        noise_only_evidence=fit.noise_only_evidence + evidence - fit.score.evidence,
+    )
 
 
-def advanced(fit: Fitted, words: Dictionary) -> Fitted:
+def advance_fit(fit: Fit, words: CandidateSet) -> Fit:
     """Take one step and linearize again there: about another point the columns of nuisance effects give a wrong
     likelihood. A fit has converged where the linear model predicts no gain, where no step improves on the evidence
     reached, and where a step fails, which is counted.
@@ -290,65 +355,83 @@ def advanced(fit: Fitted, words: Dictionary) -> Fitted:
         The fit after the step.
 
     """
-    if fit.stands:
+    if fit.has_converged:
         return fit
     try:
-        return _stepped(fit, words)
+        return _advance_unconverged(fit, words)
     except (PlantError, np.linalg.LinAlgError):
-        fit.design.shooting.fail()
-        return replace(fit, stands=True)
+        fit.sensitivities.shooting.count_failure()
+        return replace(fit, has_converged=True)
 
 
-def _stepped(fit: Fitted, words: Dictionary) -> Fitted:
+def _advance_unconverged(fit: Fit, words: CandidateSet) -> Fit:
     """Take one step of a fit that has not converged."""
-    if fit.ahead < ENOUGH * fit.excess:
-        return replace(fit, stands=True)
-    tried: list[Fitted] = []
-    shares = [STIFF, 1.0]
-    if fit.score.at.level > LOUD:
+    if fit.predicted_gain < LEAST_EVIDENCE_STEP * fit.misfit_temperature:
+        return replace(fit, has_converged=True)
+    tried: list[Fit] = []
+    shares = [STIFF_TORQUE_SHARE, 1.0]
+    if fit.score.posterior.noise_level > LARGE_NOISE_LEVEL:
         shares.reverse()
     for share in shares:
-        there = descend(fit.design, fit.atoms, fit.score, share)
-        if there is not fit.design:
-            there.gram.forget()
-            tried.append(_there(there.shooting, words, fit.atoms, there.point, fit.score.at.s, fit.clean))
-            if tried[-1].score.evidence >= fit.score.evidence + ENOUGH * fit.excess:
+        there = descend_gauss_newton(fit.sensitivities, fit.effects, fit.score, share)
+        if there is not fit.sensitivities:
+            there.cross_products.drop_caches()
+            tried.append(
+                _linearize_at(
+                    there.shooting, words, fit.effects, there.point, fit.score.posterior.s, fit.noise_only_evidence
+                )
+            )
+            if tried[-1].score.evidence >= fit.score.evidence + LEAST_EVIDENCE_STEP * fit.misfit_temperature:
                 break
     best = max(tried, key=lambda one: one.score.evidence, default=fit)
     gain = best.score.evidence - fit.score.evidence
-    if best is fit or best.score.evidence <= fit.reached:
-        fit.design.gram.forget()
-        return replace(fit, stands=True)
-    return replace(best, stands=abs(gain) < ENOUGH * fit.excess)
+    if best is fit or best.score.evidence <= fit.evidence_here:
+        fit.sensitivities.cross_products.drop_caches()
+        return replace(fit, has_converged=True)
+    return replace(best, has_converged=abs(gain) < LEAST_EVIDENCE_STEP * fit.misfit_temperature)
 
 
-def _there(
-    shooting: Shooting, words: Dictionary, atoms: tuple[int, ...], point: Point, near: float, clean: float | None = None
-) -> Fitted:
+def _linearize_at(
+    shooting: MultipleShooting,
+    words: CandidateSet,
+    atoms: tuple[int, ...],
+    point: OperatingPoint,
+    near: float,
+    clean: float | None = None,
+) -> Fit:
     """Start a hypothesis at a point, with all its columns computed there."""
-    return _scored(design(shooting, words.about(shooting.arm, atoms, point.p), point), atoms, near, clean)
+    return _score_fit(
+        compute_sensitivities(shooting, words.columns_near(shooting.arm, atoms, point.p), point), atoms, near, clean
+    )
 
 
-def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None = None) -> Fitted:
+def _score_fit(at: Sensitivities, atoms: tuple[int, ...], near: float, clean: float | None = None) -> Fit:
     """Score a hypothesis in its linear model."""
-    linear = at.linear()
-    prior, bounds = prior_widths(at, atoms), at.words.bounds(at.shooting.arm)
-    found = posteriors(linear, prior, near, bounds)
+    linear = at.linear_model()
+    prior, bounds = compute_hypothesis_widths(at, atoms), at.candidates.theta_bounds(at.shooting.arm)
+    found = compute_posteriors(linear, prior, near, bounds)
     best = max(found, key=lambda one: one.evidence)
-    torque, own = linear.inner(best.s, best.mean)[1], at.words.own(atoms)
+    torque, own = linear.solve_inner(best.s, best.mean)[1], at.candidates.hypothesis_columns(atoms)
     if clean is None:
-        nothing, noise = linear.reduced(0.0), np.ones(len(linear.rows))
-        exact = posterior(nothing, prior, 0.0, noise, bounds)
-        left = nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum() / linear.temperature
-        clean = exact.worth(prior, own) + 0.5 * left
-    reduced = linear.reduced(best.s)
+        nothing, noise = linear.normal_equations(0.0), np.ones(len(linear.rows))
+        exact = solve_at_scales(nothing, prior, 0.0, noise, bounds)
+        left = nothing.cost(exact.mean, prior, noise) - nothing.degrees_of_freedom.sum() / linear.temperature
+        clean = exact.evidence_paid_by(prior, own) + 0.5 * left
+    reduced = linear.normal_equations(best.s)
     ahead = 0.5 * max(linear.cost(best.s, prior) - reduced.cost(best.mean, prior), 0.0)
-    linear.gram.forget()
-    return Fitted(atoms, at, Scored(atoms, best.worth(prior, own), best), _by_joint(at, torque), clean, ahead)
+    linear.cross_products.drop_caches()
+    return Fit(
+        atoms,
+        at,
+        ScoredHypothesis(atoms, best.evidence_paid_by(prior, own), best),
+        _rms_by_joint(at, torque),
+        clean,
+        ahead,
+    )
 
 
-def _by_joint(at: Design, torque: Array) -> Array:
+def _rms_by_joint(at: Sensitivities, torque: Array) -> Array:
     """Return the root mean square of torques (W, k) at each joint (n), at its motor and its link together."""
     arm = at.shooting.arm
-    owners = np.repeat([*range(1, arm.n + 1), *arm.manifest["flexible"]], knots(at.shooting))
+    owners = np.repeat([*range(1, arm.n + 1), *arm.manifest["flexible"]], count_torque_steps(at.shooting))
     return np.array([np.sqrt(np.mean(torque[:, owners == j] ** 2)) for j in range(1, arm.n + 1)])

@@ -25,16 +25,21 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.special import ndtr
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.inference.bounded_least_squares import Bounds, bounded
-from hdagen.diagnosis.inference.candidate_priors import SLAB, Dictionary
-from hdagen.diagnosis.inference.linear_gaussian import ROUNDED, Linear, Reduced, Summed
-from hdagen.support.parallel import together
+from hdagen.diagnosis.inference.bounded_least_squares import Bounds, solve_box_qp
+from hdagen.diagnosis.inference.candidate_priors import SLAB_WIDTH, CandidateSet
+from hdagen.diagnosis.inference.linear_gaussian import (
+    ROUNDING_FLOOR,
+    LinearModel,
+    NormalEquations,
+    TotalNormalEquations,
+)
+from hdagen.support.parallel import map_in_threads
 
-TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 41)])  # sizes s, in units of unexplained torque
-ROUGHLY = 8  # stride of a coarse search over them
-STRIDES = 2, 1  # strides of a fine search, one after the other
-SCALES = 12  # reweightings of the windows at most
-STILL = 0.05  # change of log κ² below which the scales have converged
+TORQUE_GRID = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 41)])  # sizes s, in units of unexplained torque
+COARSE_STRIDE = 8  # stride of a coarse search over them
+REFINING_STRIDES = 2, 1  # strides of a fine search, one after the other
+MOST_REWEIGHTINGS = 12  # reweightings of the windows at most
+SCALE_TOLERANCE = 0.05  # change of log κ² below which the scales have converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,17 +52,17 @@ class Posterior:
     kappa2: Array
     mean: Array
     factor: Array
-    spike: Array
+    prior_widths: Array
     cost: float
     evidence: float
 
     @cached_property
     def covariance(self) -> Array:
         """Covariance of θ (P, P), computed on demand."""
-        inverse = dpotrs(self.factor, np.eye(len(self.spike)), lower=1)[0]
-        return np.asarray(inverse * (self.spike[:, None] * self.spike))
+        inverse = dpotrs(self.factor, np.eye(len(self.prior_widths)), lower=1)[0]
+        return np.asarray(inverse * (self.prior_widths[:, None] * self.prior_widths))
 
-    def worth(self, prior: Array, own: Array) -> float:
+    def evidence_paid_by(self, prior: Array, own: Array) -> float:
         """Return the log evidence in which only some columns pay Occam's factor. One fit determines the columns that
         all hypotheses share a little better than another one does, and all of these differences together would exceed
         the difference between hypotheses.
@@ -73,24 +78,24 @@ class Posterior:
         )
 
     @property
-    def level(self) -> float:
+    def noise_level(self) -> float:
         """Squared noise scale over all windows (geometric mean)."""
         return float(np.exp(np.log(self.kappa2).mean()))
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
+class ScoredHypothesis:
     """A hypothesis: its candidates, its log evidence, the posterior in which it is best, and ``large``, the probability
     that its effect is as large as counts as present."""
 
-    atoms: tuple[int, ...]
+    effects: tuple[int, ...]
     evidence: float
-    at: Posterior
-    large: float = 1.0
+    posterior: Posterior
+    presence_probability: float = 1.0
 
 
-def posteriors(
-    linear: Linear,
+def compute_posteriors(
+    linear: LinearModel,
     spike: Array,
     near: float | None = None,
     bounds: Bounds | None = None,
@@ -108,22 +113,24 @@ def posteriors(
         The posteriors in the order of their sizes.
 
     """
-    sizes = TORQUES[min(int(np.searchsorted(TORQUES, linear.least)), len(TORQUES) - 1) :]
+    sizes = TORQUE_GRID[min(int(np.searchsorted(TORQUE_GRID, linear.least_torque)), len(TORQUE_GRID) - 1) :]
     if near is None:
-        return together(lambda s: settled(linear, spike, s, bounds), sizes[::ROUGHLY].tolist())
+        return map_in_threads(lambda s: solve_with_scales(linear, spike, s, bounds), sizes[::COARSE_STRIDE].tolist())
     here = int(np.argmin(np.abs(sizes - near)))
-    made = {here: settled(linear, spike, sizes[here], bounds)}
-    for step in (sign * stride for stride in STRIDES for sign in (-1, 1)):
+    made = {here: solve_with_scales(linear, spike, sizes[here], bounds)}
+    for step in (sign * stride for stride in REFINING_STRIDES for sign in (-1, 1)):
         while 0 <= here + step < len(sizes):
             if here + step not in made:
-                made[here + step] = settled(linear, spike, sizes[here + step], bounds)
+                made[here + step] = solve_with_scales(linear, spike, sizes[here + step], bounds)
             if made[here + step].evidence <= made[here].evidence:
                 break
             here += step
     return [made[k] for k in sorted(made)]
 
 
-def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None, reach: float = np.inf) -> Posterior:
+def solve_with_scales(
+    linear: LinearModel, spike: Array, s: float, bounds: Bounds | None = None, reach: float = np.inf
+) -> Posterior:
     """Compute the posterior at one size of unexplained torque, with the windows reweighted until their noise scales
     converge.
 
@@ -139,23 +146,23 @@ def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None
         The posterior.
 
     """
-    reduced, nearer = linear.reduced(float(s)), 1.0 / (1.0 + reach**2)
-    kappa2, center = reduced.scaled(linear.chi2(float(s))), nearer * linear.theta
+    reduced, nearer = linear.normal_equations(float(s)), 1.0 / (1.0 + reach**2)
+    kappa2, center = reduced.scales_from_misfit(linear.chi2(float(s))), nearer * linear.theta
     about, within, width = reduced, None, np.sqrt(1.0 - nearer) * spike
     if nearer:
-        about = reduced.about(center)
+        about = reduced.centered_at(center)
     if bounds is not None:
         within = bounds[0] - center, bounds[1] - center
-    for _ in range(SCALES):
-        found = posterior(about, width, float(s), kappa2, within)
-        old, kappa2 = kappa2, reduced.scales(found.mean + center)
-        if np.abs(np.log(kappa2 / old)).max() < STILL:
+    for _ in range(MOST_REWEIGHTINGS):
+        found = solve_at_scales(about, width, float(s), kappa2, within)
+        old, kappa2 = kappa2, reduced.window_scales(found.mean + center)
+        if np.abs(np.log(kappa2 / old)).max() < SCALE_TOLERANCE:
             break
     return replace(found, mean=found.mean + center)
 
 
-def posterior(
-    reduced: Reduced,
+def solve_at_scales(
+    reduced: NormalEquations,
     spike: Array,
     s: float,
     kappa2: Array,
@@ -179,13 +186,13 @@ def posterior(
     """
     if temperature is None:
         temperature = reduced.temperature
-    return laplace(reduced.summed(kappa2), spike, s, kappa2, bounds, temperature)
+    return apply_laplace(reduced.sum_windows(kappa2), spike, s, kappa2, bounds, temperature)
 
 
-def laplace(
-    summed: Summed, spike: Array, s: float, kappa2: Array, bounds: Bounds | None, temperature: float
+def apply_laplace(
+    summed: TotalNormalEquations, spike: Array, s: float, kappa2: Array, bounds: Bounds | None, temperature: float
 ) -> Posterior:
-    """Compute a `posterior` from all windows together.
+    """Compute a `solve_at_scales` from all windows together.
 
     Args:
         summed: normal equations of all windows.
@@ -200,20 +207,22 @@ def laplace(
 
     """
     N, b = summed.N / temperature, summed.b / temperature
-    factor = _factor(N * (spike[:, None] * spike))
+    factor = _factorize_with_identity(N * (spike[:, None] * spike))
     mean = spike * dpotrs(factor, spike * b, lower=1)[0]
-    cost = (summed.log + max(summed.c - temperature * float(b @ mean), ROUNDED * abs(summed.c))) / temperature
+    cost = (
+        summed.log_normalizer + max(summed.c - temperature * float(b @ mean), ROUNDING_FLOOR * abs(summed.c))
+    ) / temperature
     if bounds is not None:
         H = N + np.diag(1.0 / spike**2)
-        within = bounded(H, b, mean, bounds)
+        within = solve_box_qp(H, b, mean, bounds)
         off = within - mean
-        cost += max(float(off @ H @ off), ROUNDED * float(np.abs(off) @ np.abs(H) @ np.abs(off)))
+        cost += max(float(off @ H @ off), ROUNDING_FLOOR * float(np.abs(off) @ np.abs(H) @ np.abs(off)))
         mean = within
     widths = 2.0 * float(np.log(np.diagonal(factor)).sum())
     return Posterior(s, kappa2, mean, factor, spike, cost, -0.5 * (cost + widths))
 
 
-def _factor(M: Array) -> Array:
+def _factorize_with_identity(M: Array) -> Array:
     """Factorize M + 1 by Cholesky (lower). M is a product of columns with themselves. A diverging simulation makes a
     column so large that rounding makes M negative somewhere; there it counts as 0. LAPACK is called directly: numpy's
     checks take several times as long for matrices of this size."""
@@ -225,7 +234,7 @@ def _factor(M: Array) -> Array:
     return np.asarray(factor)
 
 
-def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:
+def compute_evidence_gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB_WIDTH) -> float:
     """Compute the log evidence that freeing some columns adds.
 
     Source: Dickey, Ann. Math. Stat. 42 (1971) 204.
@@ -251,7 +260,9 @@ def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:
     return float(-0.5 * logdet + np.log(spike[free] / slab).sum() - 0.5 * (mu * D) @ np.linalg.solve(K, mu))
 
 
-def large(at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds, slab: float = SLAB) -> float:
+def compute_presence_probability(
+    at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds, slab: float = SLAB_WIDTH
+) -> float:
     """Compute the probability that at least one freed column is large, each column by itself. A column that the log
     does not determine keeps its prior probability.
 
@@ -270,7 +281,7 @@ def large(at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds
     D = 1.0 / slab**2 - 1.0 / spike[free] ** 2
     S, mu = at.covariance[np.ix_(free, free)], at.mean[free]
     K = np.eye(len(free)) + S * D
-    mean, width = np.linalg.solve(K, mu), np.sqrt(np.maximum(np.diag(np.linalg.solve(K, S)), ROUNDED * slab**2))
+    mean, width = np.linalg.solve(K, mu), np.sqrt(np.maximum(np.diag(np.linalg.solve(K, S)), ROUNDING_FLOOR * slab**2))
 
     def below(size: Array | float) -> Array:
         return np.asarray(ndtr((np.clip(size, bounds[0][free], bounds[1][free]) - mean) / width))
@@ -280,7 +291,9 @@ def large(at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds
     return 1.0 - float(np.prod(small))
 
 
-def score(found: Sequence[Posterior], words: Dictionary, hypotheses: Sequence[tuple[int, ...]]) -> list[Scored]:
+def score_candidate_sets(
+    found: Sequence[Posterior], words: CandidateSet, hypotheses: Sequence[tuple[int, ...]]
+) -> list[ScoredHypothesis]:
     """Compute each hypothesis' evidence at its best (s, κ).
 
     Args:
@@ -292,10 +305,10 @@ def score(found: Sequence[Posterior], words: Dictionary, hypotheses: Sequence[tu
         The hypotheses, the most probable first.
 
     """
-    scored, spike = [], words.spike
+    scored, spike = [], words.spike_widths
     for atoms in hypotheses:
-        free = words.free(atoms)
-        values = [at.evidence + gain(at, spike, free) for at in found]
+        free = words.amplitude_columns(atoms)
+        values = [at.evidence + compute_evidence_gain(at, spike, free) for at in found]
         best = int(np.argmax(values))
-        scored.append(Scored(atoms, values[best], found[best]))
+        scored.append(ScoredHypothesis(atoms, values[best], found[best]))
     return sorted(scored, key=lambda s: -s.evidence)

@@ -30,69 +30,90 @@ import numpy as np
 
 from hdagen.arm import delayed_sensors
 from hdagen.arm.arrays import Array
-from hdagen.arm.compiled_arm import DECAYS, Arm
-from hdagen.arm.ratings import full_torsion, torque_per_input
-from hdagen.diagnosis.data.required_torque import asked
+from hdagen.arm.compiled_arm import MOST_MEMORY_DECAYS, Arm
+from hdagen.arm.ratings import compute_rated_torsion, compute_torque_per_input
+from hdagen.diagnosis.data.required_torque import compute_required_torque
 from hdagen.diagnosis.data.split import Mask
-from hdagen.diagnosis.data.windows import Record
-from hdagen.prediction.measurement_model import Rows, joint_angles, limits, mechanical, memories, places, unread
-from hdagen.support.parallel import THREADS, together
+from hdagen.diagnosis.data.windows import WindowedRecord
+from hdagen.prediction.measurement_model import (
+    Rows,
+    count_mechanical_states,
+    find_memory_amplitudes,
+    find_parameter_indices,
+    get_state_limits,
+    read_joint_angles,
+    undo_sensor_effects,
+)
+from hdagen.support.parallel import THREAD_COUNT, map_in_threads
 
-TWISTED = 0.7  # of the torsion at which the spring law ends: the largest torsion that a window begins with
-MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
-FEW = 2  # lanes that run faster one by one than in a vector
-HIGHEST, MARGIN = 0.999, 1.5  # quantile of the required torque, and the factor by which a lane may exceed it
-STAGES = 4  # effective inputs that are kept for the next lanes
-DRIVES = {"motor_current", "motor_torque"}  # readings that depend on inputs alone
-PROMPT = DRIVES | {"motor_position", "joint_position"}  # readings that depend on inputs or positions alone
+INITIAL_TORSION_LIMIT = (
+    0.7  # of the torsion at which the spring law ends: the largest torsion that a window begins with
+)
+WORKSPACE_BYTES = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
+SEQUENTIAL_ROLLOUTS = 2  # lanes that run faster one by one than in a vector
+TORQUE_QUANTILE, TORQUE_MARGIN = (
+    0.999,
+    1.5,
+)  # quantile of the required torque, and the factor by which a lane may exceed it
+MOST_CACHED_INPUTS = 4  # effective inputs that are kept for the next lanes
+DRIVE_QUANTITIES = {"motor_current", "motor_torque"}  # readings that depend on inputs alone
+DRIVE_AND_POSITION_QUANTITIES = DRIVE_QUANTITIES | {
+    "motor_position",
+    "joint_position",
+}  # readings that depend on inputs or positions alone
 
 
 @dataclass(frozen=True, eq=False)
-class Lane:
+class Rollout:
     """One simulation: parameters (np), initial states (W, m), torque (T, n) added at the motors, N m, and impulses on
     the links (T, n), N m s, each at its row. ``memory``: effects' own states (K, nx − m) at which the selected windows
     begin; without them the lane carries these states on from window to window."""
 
     p: Array
-    begun: Array
+    initial_states: Array
     torque: Array | None = None
     impulse: Array | None = None
     memory: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class WindowSchedule:
     """The windows of a lane: ``rows`` of the record that give its inputs, ``many`` of them; ``edges`` of the windows in
-    these rows; ``size``: number of rows in windows; ``windows`` of the record; ``seen``: rows in selected windows,
-    among those in windows."""
+    these rows; ``state_count``: number of rows in windows; ``windows`` of the record; ``seen``: rows in selected
+    windows, among those in windows."""
 
     rows: Rows | slice
-    many: int
+    row_count: int
     edges: Rows
-    size: int
+    state_count: int
     windows: Rows | slice
-    seen: Rows | slice
+    selected_states: Rows | slice
 
     @classmethod
-    def whole(cls, record: Record) -> Course:
+    def all_windows(cls, record: WindowedRecord) -> WindowSchedule:
         """Return the schedule of all windows of a record."""
-        seen = np.searchsorted(record.rows, record.rows_of(record.kept))
-        return cls(slice(None), len(record.time), record.edges, len(record.rows), slice(None), seen)
+        seen = np.searchsorted(record.rows, record.rows_of(record.selected_windows))
+        return cls(slice(None), len(record.time), record.window_edges, len(record.rows), slice(None), seen)
 
     @classmethod
-    def brief(cls, record: Record) -> Course:
+    def selected_windows(cls, record: WindowedRecord) -> WindowSchedule:
         """Return the schedule of the selected windows alone, with a row between them, as no window begins where the one
         before ends."""
-        first, end = record.starts[record.kept], record.ends[record.kept]
+        first, end = record.starts[record.selected_windows], record.ends[record.selected_windows]
         rows = np.concatenate([np.append(np.arange(a, b), a) for a, b in zip(first, end, strict=True)])
         ends = np.cumsum(end - first + 1) - 1
         return cls(
-            rows, len(rows), np.stack([ends - (end - first), ends], 1), len(rows) - len(ends), record.kept, slice(None)
+            rows,
+            len(rows),
+            np.stack([ends - (end - first), ends], 1),
+            len(rows) - len(ends),
+            record.selected_windows,
+            slice(None),
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Seat:
+class Workspace:
     """Working memory of one thread for L lanes: ``inputs`` from each row to the next, ``constants`` (L, nc), and
     states."""
 
@@ -101,17 +122,17 @@ class Seat:
     states: Array
 
     @classmethod
-    def of(cls, arm: Arm, record: Record) -> Seat:
+    def allocate(cls, arm: Arm, record: WindowedRecord) -> Workspace:
         """Allocate the memory for lanes of a record on an arm."""
-        shapes = ((len(record.time) + len(record.kept), arm.nu), arm.c.shape, (len(record.rows), arm.nx))
-        lanes = min(arm.module.batch_width, max(1, MEMORY // (8 * sum(map(math.prod, shapes)))))
+        shapes = ((len(record.time) + len(record.selected_windows), arm.nu), arm.c.shape, (len(record.rows), arm.nx))
+        lanes = min(arm.module.batch_width, max(1, WORKSPACE_BYTES // (8 * sum(map(math.prod, shapes)))))
         return cls(*(np.empty((lanes, *shape)) for shape in shapes))
 
-    def room(self, course: Course, lanes: int) -> tuple[Array, Array]:
+    def buffers_for(self, course: WindowSchedule, lanes: int) -> tuple[Array, Array]:
         """Return memory for the inputs (L, rows, nu) and the states (L, rows in windows, nx) of ``lanes`` on a
         course."""
-        inputs = (lanes, course.many, self.inputs.shape[2])
-        states = (lanes, course.size, self.states.shape[2])
+        inputs = (lanes, course.row_count, self.inputs.shape[2])
+        states = (lanes, course.state_count, self.states.shape[2])
         return (
             self.inputs.reshape(-1)[: math.prod(inputs)].reshape(inputs),
             self.states.reshape(-1)[: math.prod(states)].reshape(states),
@@ -119,59 +140,66 @@ class Seat:
 
 
 @dataclass(eq=False)
-class Shooting:
-    """Simulates the lanes of one record on one model; ``run`` and ``failed`` count them."""
+class MultipleShooting:
+    """Simulates the lanes of one record on one model; ``rollout_count`` and ``failure_count`` count them."""
 
     arm: Arm
-    record: Record
-    most: float = 1e-3  # s, a step of integration
-    seats: SimpleQueue[Seat] = field(init=False)
-    run: int = field(init=False, default=0)  # lanes
-    failed: int = field(init=False, default=0)  # of them
+    record: WindowedRecord
+    longest_step: float = 1e-3  # s, a step of integration
+    workspaces: SimpleQueue[Workspace] = field(init=False)
+    rollout_count: int = field(init=False, default=0)  # lanes
+    failure_count: int = field(init=False, default=0)  # of them
 
     def __post_init__(self) -> None:
-        record, self.m = self.record, mechanical(self.arm)
-        self.most = min(self.most, max(self._carried(), self.arm.step_size))
-        self.whole, self.brief = Course.whole(record), Course.brief(record)
-        self.steps = record.steps
-        self.rows = record.rows_of(record.kept)
-        self.begins = self.brief.edges[:, 0] - np.arange(len(record.kept))
-        self.looked = np.searchsorted(self.rows, record.rows[np.concatenate(record.looked)])
-        self.shown = self.rows[self.looked]  # sampled rows of the record
+        record, self.m = self.record, count_mechanical_states(self.arm)
+        self.longest_step = min(self.longest_step, max(self._choose_step_limit(), self.arm.step_size))
+        self.all_windows, self.selected_windows = (
+            WindowSchedule.all_windows(record),
+            WindowSchedule.selected_windows(record),
+        )
+        self.steps = record.time_steps
+        self.rows = record.rows_of(record.selected_windows)
+        self.begins = self.selected_windows.edges[:, 0] - np.arange(len(record.selected_windows))
+        self.sampled_states = np.searchsorted(self.rows, record.rows[np.concatenate(record.sampled_rows)])
+        self.sampled_rows = self.rows[self.sampled_states]  # sampled rows of the record
         self.command = np.ascontiguousarray(record.command[:, : self.arm.n])
-        self.seats = SimpleQueue()
-        for _ in range(THREADS):
-            self.seats.put(seat := Seat.of(self.arm, record))
+        self.workspaces = SimpleQueue()
+        for _ in range(THREAD_COUNT):
+            self.workspaces.put(seat := Workspace.allocate(self.arm, record))
         self.width = len(seat.inputs)
-        self.none = np.zeros((len(record.kept), self.arm.nx - self.m))
-        self.path = delayed_sensors.Path(record.time[self.rows], self.begins)
-        self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
-        self.moving = [k for k, name in enumerate(self.arm.state_names) if "velocity" in name]
-        self.limit = limits(self.arm)
-        self.gains = torque_per_input(self.arm)
-        self.most_twisted = TWISTED * full_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
-        self.acted: dict[bytes, tuple[Array, Array]] = {}
+        self.zero_memory = np.zeros((len(record.selected_windows), self.arm.nx - self.m))
+        self.path = delayed_sensors.SampledPath(record.time[self.rows], self.begins)
+        self.joint_speed_indices = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
+        self.speed_indices = [k for k, name in enumerate(self.arm.state_names) if "velocity" in name]
+        self.state_limits = get_state_limits(self.arm)
+        self.gains = compute_torque_per_input(self.arm)
+        self.torsion_limits = (
+            INITIAL_TORSION_LIMIT * compute_rated_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
+        )
+        self.input_cache: dict[bytes, tuple[Array, Array]] = {}
         effects, whole = self.arm.manifest["effects"], ("amplitudes", "shapes")
-        self.staging = places(self.arm, (e for e in effects if e["place"] == "input"), *whole)
-        self.remembering = places(self.arm, (e for e in effects if e["states"]), *whole)
-        self.loudness = memories(self.arm)
-        self.counting = Lock()
+        self.input_parameters = find_parameter_indices(self.arm, (e for e in effects if e["place"] == "input"), *whole)
+        self.memory_parameters = find_parameter_indices(self.arm, (e for e in effects if e["states"]), *whole)
+        self.memory_amplitudes = find_memory_amplitudes(self.arm)
+        self.counter_lock = Lock()
 
-    def _carried(self) -> float:
+    def _choose_step_limit(self) -> float:
         """Choose the longest step, s, that keeps the springs stable under the required torque. The robot file's own
         step was checked by the build and is always short enough."""
-        torque = np.abs(asked(self.arm, self.record).torque)
-        return self.arm.carried.loaded(self.arm, MARGIN * np.quantile(torque, HIGHEST, axis=0))
+        torque = np.abs(compute_required_torque(self.arm, self.record).torque)
+        return self.arm.stability.longest_step_under_load(
+            self.arm, TORQUE_MARGIN * np.quantile(torque, TORQUE_QUANTILE, axis=0)
+        )
 
-    def _at(self, p: Array) -> Arm:
+    def _arm_with(self, p: Array) -> Arm:
         """Return the arm with parameters ``p``. Its slowed states all take the longest step of any lane: otherwise
         lanes of other steps would differ by that, too."""
         if "memory_step" in self.arm.parameters.described:
             p = p.copy()
-            p[self.arm.parameters.place("memory_step")] = self.most / DECAYS
-        return self.arm.at(p)
+            p[self.arm.parameters.index("memory_step")] = self.longest_step / MOST_MEMORY_DECAYS
+        return self.arm.with_parameters(p)
 
-    def predict(self, lane: Lane) -> Array:
+    def predict(self, lane: Rollout) -> Array:
         """Predict the readings of one lane.
 
         Args:
@@ -181,9 +209,9 @@ class Shooting:
             Readings (S, M) in the channels' units.
 
         """
-        return self.all([lane])[0]
+        return self.predict_all([lane])[0]
 
-    def recalled(self, lane: Lane) -> tuple[Array, Array]:
+    def predict_with_memory(self, lane: Rollout) -> tuple[Array, Array]:
         """Predict the readings of one lane and keep the memory of its effects.
 
         Args:
@@ -193,11 +221,11 @@ class Shooting:
             Readings (S, M), and the effects' own states (K, nx − m) at which the selected windows begin.
 
         """
-        with self._seat() as seat:
-            x = self._states(seat, [lane])[0]
-            return self._read(lane, x), x[self.begins, self.m :].copy()
+        with self._borrow_workspace() as seat:
+            x = self._integrate_group(seat, [lane])[0]
+            return self._read_channels(lane, x), x[self.begins, self.m :].copy()
 
-    def near(self, base: Lane, lanes: Sequence[Lane]) -> list[Array]:
+    def predict_near(self, base: Rollout, lanes: Sequence[Rollout]) -> list[Array]:
         """Predict the readings of lanes near one whose memory is known. A lane with the same parameters of effects with
         memory begins its windows with that memory. Its other changes affect the memory little, and an initial state or
         a torque should only act in its own window.
@@ -210,16 +238,16 @@ class Shooting:
             Readings (S, M) of each lane.
 
         """
-        own = base.p[self.remembering]
+        own = base.p[self.memory_parameters]
 
-        def with_known_memory(lane: Lane) -> Lane:
-            if np.array_equal(lane.p[self.remembering], own):
+        def with_known_memory(lane: Rollout) -> Rollout:
+            if np.array_equal(lane.p[self.memory_parameters], own):
                 return replace(lane, memory=base.memory)
             return lane
 
-        return self.all([with_known_memory(lane) for lane in lanes])
+        return self.predict_all([with_known_memory(lane) for lane in lanes])
 
-    def all(self, lanes: Sequence[Lane]) -> list[Array]:
+    def predict_all(self, lanes: Sequence[Rollout]) -> list[Array]:
         """Predict the readings of many lanes.
 
         Args:
@@ -231,31 +259,31 @@ class Shooting:
         """
         alike: dict[tuple[float, bool, bool], list[int]] = {}
         for k, lane in enumerate(lanes):  # the lanes beside one do not change its step
-            kind = self._step(lane), lane.impulse is not None, self._remembers(lane)
+            kind = self._integration_step(lane), lane.impulse is not None, self._has_unknown_memory(lane)
             alike.setdefault(kind, []).append(k)
-        groups = [group for same in alike.values() for group in self._split(same)]
-        seen = together(lambda group: self._run([lanes[k] for k in group]), groups)
+        groups = [group for same in alike.values() for group in self._split_into_groups(same)]
+        seen = map_in_threads(lambda group: self._run_group([lanes[k] for k in group]), groups)
         found = {
             k: read for group, reads in zip(groups, seen, strict=True) for k, read in zip(group, reads, strict=True)
         }
         return [found[k] for k in range(len(lanes))]
 
-    def _split(self, lanes: list[int]) -> list[list[int]]:
+    def _split_into_groups(self, lanes: list[int]) -> list[list[int]]:
         """Split lanes into groups of about one size that run at once."""
         most = self.width
-        if len(lanes) <= FEW:
+        if len(lanes) <= SEQUENTIAL_ROLLOUTS:
             most = 1
         return [group.tolist() for group in np.array_split(lanes, -(-len(lanes) // most))]
 
-    def _step(self, lane: Lane) -> float:
+    def _integration_step(self, lane: Rollout) -> float:
         """Return the longest stable step of a lane, s."""
-        return min(self.most, self.arm.carried.longest(lane.p))
+        return min(self.longest_step, self.arm.stability.longest_step(lane.p))
 
-    def _remembers(self, lane: Lane) -> bool:
+    def _has_unknown_memory(self, lane: Rollout) -> bool:
         """Tell whether an effect of the lane remembers the motion before the selected windows."""
-        return lane.memory is None and bool(lane.p[self.loudness].any())
+        return lane.memory is None and bool(lane.p[self.memory_amplitudes].any())
 
-    def states(self, lane: Lane) -> Array:
+    def simulate_states(self, lane: Rollout) -> Array:
         """Simulate one lane.
 
         Args:
@@ -265,10 +293,10 @@ class Shooting:
             Its states (R, nx).
 
         """
-        with self._seat() as seat:
-            return self._states(seat, [lane])[0].copy()
+        with self._borrow_workspace() as seat:
+            return self._integrate_group(seat, [lane])[0].copy()
 
-    def begun(self, p: Array) -> Array:
+    def measured_initial_states(self, p: Array) -> Array:
         """Read the initial states from the sensors. No spring begins with more torsion than it bears.
 
         Args:
@@ -278,122 +306,128 @@ class Shooting:
             Positions and velocities (W, m) at the windows' starts.
 
         """
-        x = unread(self.arm.at(p), self.record.begun.copy(), range(1, self.arm.n + 1))
-        for j, most in zip(self.arm.manifest["flexible"], self.most_twisted, strict=True):
+        x = undo_sensor_effects(
+            self.arm.with_parameters(p), self.record.initial_states.copy(), range(1, self.arm.n + 1)
+        )
+        for j, most in zip(self.arm.manifest["flexible"], self.torsion_limits, strict=True):
             motor, joint = (self.arm.index(f"{side}_position_{j}") for side in ("motor", "joint"))
             base = x[:, motor] / self.arm.parameters[f"ratio_{j}"]
             x[:, joint] = base - np.clip(base - x[:, joint], -most, most)
         return x[:, : self.m]
 
-    def begin(self) -> tuple[Array, Array]:
+    def nominal_start(self) -> tuple[Array, Array]:
         """Return the robot file's parameters (np) and the measured initial states (W, m)."""
         p = self.arm.p.copy()
-        return p, self.begun(p)
+        return p, self.measured_initial_states(p)
 
     @contextmanager
-    def _seat(self) -> Iterator[Seat]:
+    def _borrow_workspace(self) -> Iterator[Workspace]:
         """Lend working memory that no other thread uses meanwhile."""
-        seat = self.seats.get()
+        seat = self.workspaces.get()
         try:
             yield seat
         finally:
-            self.seats.put(seat)
+            self.workspaces.put(seat)
 
-    def _run(self, lanes: Sequence[Lane]) -> list[Array]:
+    def _run_group(self, lanes: Sequence[Rollout]) -> list[Array]:
         """Predict the readings (S, M) of each lane of a group."""
-        with self._seat() as seat:
-            return [self._read(lane, x) for lane, x in zip(lanes, self._states(seat, lanes), strict=True)]
+        with self._borrow_workspace() as seat:
+            return [
+                self._read_channels(lane, x) for lane, x in zip(lanes, self._integrate_group(seat, lanes), strict=True)
+            ]
 
-    def _states(self, seat: Seat, lanes: Sequence[Lane]) -> list[Array]:
+    def _integrate_group(self, seat: Workspace, lanes: Sequence[Rollout]) -> list[Array]:
         """Simulate the states (R, nx) of each lane of a group."""
-        many, course, memory, jump = len(lanes), self.whole, None, None
-        if not self._remembers(lanes[0]):
-            course, memory = self.brief, np.stack([self._memory_of(lane) for lane in lanes])
-        inputs, states = seat.room(course, many)
+        many, course, memory, jump = len(lanes), self.all_windows, None, None
+        if not self._has_unknown_memory(lanes[0]):
+            course, memory = self.selected_windows, np.stack([self._memory_of(lane) for lane in lanes])
+        inputs, states = seat.buffers_for(course, many)
         steps = self.steps[course.rows]
         if lanes[0].impulse is not None:
-            jump = np.zeros((many, course.many, self.arm.nx))
+            jump = np.zeros((many, course.row_count, self.arm.nx))
         for k, lane in enumerate(lanes):
-            arm = self._at(lane.p)
+            arm = self._arm_with(lane.p)
             seat.constants[k] = arm.c
-            self._drive(arm, lane, course.rows, inputs[k])
+            self._fill_inputs(arm, lane, course.rows, inputs[k])
             if jump is not None and lane.impulse is not None:
-                kicked = np.einsum("tij,tj->ti", self.mobility[course.rows], lane.impulse[course.rows])
-                jump[k][:, self.speeds] = kicked
-        begun, c = np.stack([lane.begun[course.windows] for lane in lanes]), seat.constants[:many]
-        step = self._step(lanes[0])  # the lanes of a group share their step
-        x = self.arm.windows(begun, course.edges, inputs, steps, step, self.limit, jump, c, states, memory)
-        return [one[course.seen] for one in x]
+                kicked = np.einsum("tij,tj->ti", self.inverse_mass_matrix[course.rows], lane.impulse[course.rows])
+                jump[k][:, self.joint_speed_indices] = kicked
+        begun, c = np.stack([lane.initial_states[course.windows] for lane in lanes]), seat.constants[:many]
+        step = self._integration_step(lanes[0])  # the lanes of a group share their step
+        x = self.arm.rollout_windows(
+            begun, course.edges, inputs, steps, step, self.state_limits, jump, c, states, memory
+        )
+        return [one[course.selected_states] for one in x]
 
-    def _memory_of(self, lane: Lane) -> Array:
+    def _memory_of(self, lane: Rollout) -> Array:
         """Return the effects' own states (K, nx − m) with which a lane's windows begin, 0 if it has none."""
         if lane.memory is None:
-            return self.none
+            return self.zero_memory
         return lane.memory
 
-    def _acted(self, arm: Arm) -> tuple[Array, Array]:
+    def _effective_inputs(self, arm: Arm) -> tuple[Array, Array]:
         """Compute the effective inputs of the commands, and the readings of them (T, n each). The last few results are
         kept."""
-        key = arm.p[self.staging].tobytes()
-        found = self.acted.get(key)  # threads share it
+        key = arm.p[self.input_parameters].tobytes()
+        found = self.input_cache.get(key)  # threads share it
         if found is None:
-            found = arm.acting(self.command, self.steps, self.record.before)
-            measured = [j - 1 for j in self.record.uncommanded]
+            found = arm.apply_input_stage(self.command, self.steps, self.record.initial_input)
+            measured = [j - 1 for j in self.record.joints_without_command]
             found[0][:, measured] = self.command[:, measured]
-            if len(self.acted) >= STAGES:
-                self.acted.clear()
-            self.acted[key] = found
+            if len(self.input_cache) >= MOST_CACHED_INPUTS:
+                self.input_cache.clear()
+            self.input_cache[key] = found
         return found
 
-    def _drive(self, arm: Arm, lane: Lane, rows: Rows | slice, inputs: Array) -> None:
+    def _fill_inputs(self, arm: Arm, lane: Rollout, rows: Rows | slice, inputs: Array) -> None:
         """Write the effective inputs of a lane into ``inputs`` (rows, nu); the arm has the lane's parameters."""
         n = arm.n
-        inputs[:] = _rows(self.record.command, rows)
-        inputs[:, :n] = _rows(self._acted(arm)[0], rows)
+        inputs[:] = _take_rows(self.record.command, rows)
+        inputs[:, :n] = _take_rows(self._effective_inputs(arm)[0], rows)
         if lane.torque is not None:
             inputs[:, :n] += lane.torque[rows] / self.gains
 
-    def _read(self, lane: Lane, x: Array) -> Array:
+    def _read_channels(self, lane: Rollout, x: Array) -> Array:
         """Compute the readings (S, M) of a lane from its states ``x`` (R, nx)."""
-        arm = self._at(lane.p)
-        if {quantity for quantity, _ in self.record.outputs} <= PROMPT:
-            seen = delayed_sensors.positions(arm, self.path, x)
+        arm = self._arm_with(lane.p)
+        if {quantity for quantity, _ in self.record.outputs} <= DRIVE_AND_POSITION_QUANTITIES:
+            seen = delayed_sensors.read_positions(arm, self.path, x)
         else:
             inputs = np.empty((len(x), arm.nu))
-            self._drive(arm, lane, self.rows, inputs)
-            seen = delayed_sensors.read(arm, self.path.time, x, inputs, self.begins)
-        acted, told = self._acted(arm)[1], np.empty((len(self.looked), len(self.record.outputs)))
+            self._fill_inputs(arm, lane, self.rows, inputs)
+            seen = delayed_sensors.read_sensors(arm, self.path.time, x, inputs, self.begins)
+        acted, told = self._effective_inputs(arm)[1], np.empty((len(self.sampled_states), len(self.record.outputs)))
         for k, (quantity, j) in enumerate(self.record.outputs):
-            if quantity in DRIVES:
-                told[:, k] = acted[:, j - 1].take(self.shown)
+            if quantity in DRIVE_QUANTITIES:
+                told[:, k] = acted[:, j - 1].take(self.sampled_rows)
             else:
-                told[:, k] = seen[quantity][:, j - 1].take(self.looked)
+                told[:, k] = seen[quantity][:, j - 1].take(self.sampled_states)
         if not np.isfinite(lane.p).all():
             told[:] = np.nan
-        with self.counting:
-            self.run += 1
-        if not np.isfinite(told).all() or self._stayed(x).any():
-            self.fail()
+        with self.counter_lock:
+            self.rollout_count += 1
+        if not np.isfinite(told).all() or self._has_diverged(x).any():
+            self.count_failure()
         return told
 
-    def fail(self) -> None:
+    def count_failure(self) -> None:
         """Count a failed simulation, from any thread."""
-        with self.counting:
-            self.failed += 1
+        with self.counter_lock:
+            self.failure_count += 1
 
-    def _stayed(self, x: Array) -> Mask:
+    def _has_diverged(self, x: Array) -> Mask:
         """Find the windows (K) whose states (R, nx) end constant at a nonzero speed: those diverged."""
         ends = np.append(self.begins[1:], len(x)) - 1
-        return np.asarray((x[ends] == x[ends - 1]).all(1) & x[ends][:, self.moving].any(1))
+        return np.asarray((x[ends] == x[ends - 1]).all(1) & x[ends][:, self.speed_indices].any(1))
 
     @cached_property
-    def mobility(self) -> Array:
+    def inverse_mass_matrix(self) -> Array:
         """Inverse mass matrix (T, n, n) at the measured angles: the response to an impulse on the links."""
-        arm, q = self.arm, joint_angles(self.arm, self.record.log)
+        arm, q = self.arm, read_joint_angles(self.arm, self.record.log)
         return np.asarray(np.linalg.inv(arm.evaluate("mass_matrix", q=q)["M"].reshape(-1, arm.n, arm.n)), float)
 
 
-def _rows(of: Array, rows: Rows | slice) -> Array:
+def _take_rows(of: Array, rows: Rows | slice) -> Array:
     """Return ``of[rows]``; whole rows are copied several times as fast this way as by an index."""
     if isinstance(rows, slice):
         return of[rows]

@@ -7,11 +7,18 @@ from collections.abc import Collection, Sequence
 
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.inference.candidate_priors import SHARES, SILENT, STEP, Atom, Column, Dictionary
-from hdagen.diagnosis.initialization.initial_guess import Suggested
+from hdagen.diagnosis.inference.candidate_priors import (
+    COLUMN_STEP,
+    SILENT_SPIKE_WIDTH,
+    SPIKE_SCALES,
+    Candidate,
+    CandidateSet,
+    Column,
+)
+from hdagen.diagnosis.initialization.initial_guess import InitialGuess
 
 
-def dictionary(arm: Arm, suggested: Suggested, uncommanded: Collection[int] = ()) -> Dictionary:
+def build_candidates(arm: Arm, suggested: InitialGuess, uncommanded: Collection[int] = ()) -> CandidateSet:
     """List every effect of a model that a log can show, started from the log's initial guess. An effect between a
     command and the input that acts is left out at joints whose measured input drives the model.
 
@@ -26,7 +33,7 @@ def dictionary(arm: Arm, suggested: Suggested, uncommanded: Collection[int] = ()
     """
     described = arm.parameters.described
     place = {name: k for k, name in enumerate(described)}
-    atoms: list[Atom] = []
+    atoms: list[Candidate] = []
     columns: list[Column] = []
     for effect in arm.manifest["effects"]:
         for j in effect["joints"]:
@@ -36,21 +43,25 @@ def dictionary(arm: Arm, suggested: Suggested, uncommanded: Collection[int] = ()
             if not names or (effect["place"] == "input" and j in uncommanded):
                 continue
             shapes = [s + suffix for s in effect["shapes"]]
-            for number, chosen in enumerate(_together([suggested.shapes.get(s, described[s].starts) for s in shapes])):
+            for number, chosen in enumerate(
+                _combine_shape_starts([suggested.shapes.get(s, described[s].starts) for s in shapes])
+            ):
                 atoms.append(
-                    Atom(effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number)
+                    Candidate(
+                        effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number
+                    )
                 )
                 columns += [
-                    _column(described[name], place[name], len(atoms) - 1, not number, suggested) for name in names
+                    _make_column(described[name], place[name], len(atoms) - 1, not number, suggested) for name in names
                 ]
     owned = {c.parameter for c in columns}
     for name, q in described.items():
         if q.role == "base" and name not in owned and q.tolerance > 0 and q.nominal:
             columns.append(Column(name, place[name], q.nominal, q.tolerance * abs(q.nominal), 1.0, -1, True))
-    return Dictionary(tuple(atoms), tuple(columns))
+    return CandidateSet(tuple(atoms), tuple(columns))
 
 
-def _together(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
+def _combine_shape_starts(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
     """Combine the starting values of the shapes: first values together, then second ones, and so on."""
     found = []
     for k in range(max(map(len, starts), default=1)):
@@ -58,7 +69,7 @@ def _together(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
     return found
 
 
-def _column(q: Parameter, index: int, atom: int, first: bool, suggested: Suggested) -> Column:
+def _make_column(q: Parameter, index: int, atom: int, first: bool, suggested: InitialGuess) -> Column:
     """Make the column of one amplitude."""
     assert q.typical
     name, base = q.name, q.role == "base"
@@ -67,11 +78,11 @@ def _column(q: Parameter, index: int, atom: int, first: bool, suggested: Suggest
     if not base and q.low > 0:  # an effect that cannot be 0 is absent at its lower bound
         nominal = q.low
     everywhere = (q.everywhere or q.typical) / q.typical
-    spike, step, seen = SILENT, STEP, 0.0
+    spike, step, seen = SILENT_SPIKE_WIDTH, COLUMN_STEP, 0.0
     if first:
-        spike = math.hypot(q.tolerance * abs(nominal) / unit, SHARES[0] * everywhere)
-    if name in suggested.sizes:
-        step = suggested.sizes[name] / unit
-    if first and name in suggested.seen:
-        seen = (suggested.seen[name] - nominal) / unit
+        spike = math.hypot(q.tolerance * abs(nominal) / unit, SPIKE_SCALES[0] * everywhere)
+    if name in suggested.column_steps:
+        step = suggested.column_steps[name] / unit
+    if first and name in suggested.values:
+        seen = (suggested.values[name] - nominal) / unit
     return Column(name, index, nominal, unit, spike, atom, base and first, step, seen, everywhere)

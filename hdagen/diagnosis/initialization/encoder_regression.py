@@ -16,34 +16,38 @@ import numpy as np
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import full_torque, torque_per_input
-from hdagen.diagnosis.data.required_torque import asked
-from hdagen.diagnosis.data.split import Mask, Portion
-from hdagen.diagnosis.data.windows import Record
-from hdagen.diagnosis.inference.bounded_least_squares import Bounds, bounded
-from hdagen.log.channel_statistics import Even
+from hdagen.arm.ratings import compute_rated_torque, compute_torque_per_input
+from hdagen.diagnosis.data.required_torque import compute_required_torque
+from hdagen.diagnosis.data.split import LogPortion, Mask
+from hdagen.diagnosis.data.windows import WindowedRecord
+from hdagen.diagnosis.inference.bounded_least_squares import Bounds, solve_box_qp
+from hdagen.log.channel_statistics import UniformGrid
 
-TURNS = ((1, "once"), (2, "twice"), (4, "four"))  # orders of the kinematic error, with the words of its parameters
-LOADED = 0.1  # of its usual torque, from which a joint's torque has a certain sign
-PASSES = 6  # reweightings of the rows
-BEYOND = np.geomspace(0.002, 0.3, 60)  # shares of the rows beyond a wall: one wall is tried for each
-FINER = 41  # angles tried between the neighbours of the best one
-WAVES = 4.0  # typical sizes: largest eccentricity or kinematic error that the regression finds
-ALIKE = 1e-10  # of a column's square: ridge for columns that a hardly moving joint does not separate
-CLEAR = 0.7  # of the summed residual torque, that a wall must leave at most
-POINTS = 401  # of the torsion law
+KINEMATIC_ORDERS = (
+    (1, "once"),
+    (2, "twice"),
+    (4, "four"),
+)  # orders of the kinematic error, with the words of its parameters
+LEAST_LOAD_SHARE = 0.1  # of its usual torque, from which a joint's torque has a certain sign
+REGRESSION_REWEIGHTINGS = 6  # reweightings of the rows
+WALL_TAIL_GRID = np.geomspace(0.002, 0.3, 60)  # shares of the rows beyond a wall: one wall is tried for each
+WALL_REFINEMENT = 41  # angles tried between the neighbours of the best one
+LARGEST_WAVE = 4.0  # typical sizes: largest eccentricity or kinematic error that the regression finds
+COLUMN_RIDGE = 1e-10  # of a column's square: ridge for columns that a hardly moving joint does not separate
+LARGEST_WALL_MISFIT = 0.7  # of the summed residual torque, that a wall must leave at most
+TORSION_LAW_POINTS = 401  # of the torsion law
 
 
 @dataclass(frozen=True)
-class Twist:
+class EncoderEstimate:
     """Estimates of one joint by parameter: ``seen``, amplitudes, and ``shapes``, each in its unit."""
 
-    seen: dict[str, float]
+    sizes: dict[str, float]
     shapes: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Between:
+class EncoderDifference:
     """The difference between the encoders of joint j at T instants.
 
     ``twist``: motor angle over the ratio less the joint encoder's reading; ``terms`` (T, P): change of it for a unit of
@@ -52,18 +56,18 @@ class Between:
     certain sign of torque; ``angle`` and ``torque`` of the joint.
     """
 
-    j: int
+    joint: int
     parameters: tuple[Parameter, ...]
     twist: Array
     terms: Array
-    borne: Array
-    driven: Array
-    loaded: Mask
-    shown: Mask
+    load_terms: Array
+    motor_terms: Array
+    loaded_rows: Mask
+    visible_rows: Mask
     angle: Array
     torque: Array
 
-    def told(self, which: Mask, rows: Mask) -> Array:
+    def regress_terms(self, which: Mask, rows: Mask) -> Array:
         """Regress the twist on some of the terms and on torque.
 
         Args:
@@ -75,16 +79,16 @@ class Between:
             that never bears a torque.
 
         """
-        columns = np.concatenate([self.terms[:, which], self.borne], 1)
+        columns = np.concatenate([self.terms[:, which], self.load_terms], 1)
         some = [q for q, one in zip(self.parameters, which, strict=True) if one]
-        found = np.zeros(len(which) + self.borne.shape[1])
+        found = np.zeros(len(which) + self.load_terms.shape[1])
         if not rows.any():
             return found
-        chosen = np.append(which, np.ones(self.borne.shape[1], bool))
-        found[chosen] = _regressed(columns[rows], self.twist[rows], _bounds(some, columns))
+        chosen = np.append(which, np.ones(self.load_terms.shape[1], bool))
+        found[chosen] = _regress_robustly(columns[rows], self.twist[rows], _coefficient_bounds(some, columns))
         return found
 
-    def left(self, values: Array, rows: Mask) -> Array:
+    def subtract_terms(self, values: Array, rows: Mask) -> Array:
         """Subtract the regressed terms from the twist.
 
         Args:
@@ -95,11 +99,11 @@ class Between:
             The residual in these instants.
 
         """
-        told = np.concatenate([self.terms[rows], self.borne[rows]], 1) @ values
+        told = np.concatenate([self.terms[rows], self.load_terms[rows]], 1) @ values
         return np.asarray(self.twist[rows] - told)
 
 
-def between(arm: Arm, record: Record) -> list[Between]:
+def read_encoder_differences(arm: Arm, record: WindowedRecord) -> list[EncoderDifference]:
     """Compare the encoders of each flexible joint that has both.
 
     Args:
@@ -113,40 +117,40 @@ def between(arm: Arm, record: Record) -> list[Between]:
     log, n, described = record.log, arm.n, arm.parameters.described
     if not arm.manifest["flexible"] or any(f"joint_position_{j}" not in log for j in range(1, n + 1)):
         return []
-    motion = asked(arm, record)
+    motion = compute_required_torque(arm, record)
     grid, q, v, torque = motion.grid, motion.angle, motion.speed, motion.torque
-    shown = Portion(log, record.shown).at(grid.time)
+    shown = LogPortion(log, record.visible_rows).covers(grid.time)
     found = []
     for j in arm.manifest["flexible"]:
         if f"motor_position_{j}" not in log:
             continue
         tau = torque[:, j - 1]
         theta, read = (np.interp(grid.time, log.time, log[f"{side}_position_{j}"]) for side in ("motor", "joint"))
-        terms = {name: term for name, term in _terms(j, theta, q, v, tau).items() if name in described}
-        loaded = shown & (np.abs(tau) > LOADED * float(np.sqrt(np.mean(tau[shown] ** 2))))
+        terms = {name: term for name, term in _encoder_terms(j, theta, q, v, tau).items() if name in described}
+        loaded = shown & (np.abs(tau) > LEAST_LOAD_SHARE * float(np.sqrt(np.mean(tau[shown] ** 2))))
         twist = theta / arm.parameters[f"ratio_{j}"] - read
-        borne = np.stack([np.interp(tau, *_law(arm, j)), tau, grid.rate(tau)], 1)
+        borne = np.stack([np.interp(tau, *_torsion_law(arm, j)), tau, grid.differentiate(tau)], 1)
         parameters = tuple(described[name] for name in terms)
         columns = np.array([*terms.values()]).reshape(len(terms), len(tau)).T  # a model may have none of these effects
-        sent = _driven(arm, record, grid, j)
-        driven = np.stack([np.interp(sent, *_law(arm, j)), sent], 1)
-        found.append(Between(j, parameters, twist, columns, borne, driven, loaded, shown, q[:, j - 1], tau))
+        sent = _torque_into_gear(arm, record, grid, j)
+        driven = np.stack([np.interp(sent, *_torsion_law(arm, j)), sent], 1)
+        found.append(EncoderDifference(j, parameters, twist, columns, borne, driven, loaded, shown, q[:, j - 1], tau))
     return found
 
 
-def _driven(arm: Arm, record: Record, grid: Even, j: int) -> Array:
+def _torque_into_gear(arm: Arm, record: WindowedRecord, grid: UniformGrid, j: int) -> Array:
     """Compute the torque (T), at the joint, that motor j sends into its gear: the torque of its input, measured if it
     is logged, less the rotor's inertia and the robot file's friction."""
     log, p = record.log, arm.parameters
     name = arm.input_names[j - 1]
-    drives = torque_per_input(arm)[j - 1] * (log[name] if name in log else record.command[:, j - 1])
-    speed = grid.rate(grid.smooth(log[f"motor_position_{j}"]))
-    taken = p[f"motor_inertia_{j}"] * grid.rate(speed) + p[f"viscous_friction_{j}"] * speed
+    drives = compute_torque_per_input(arm)[j - 1] * (log[name] if name in log else record.command[:, j - 1])
+    speed = grid.differentiate(grid.smooth(log[f"motor_position_{j}"]))
+    taken = p[f"motor_inertia_{j}"] * grid.differentiate(speed) + p[f"viscous_friction_{j}"] * speed
     taken += p[f"coulomb_friction_{j}"] * np.sign(speed)
     return np.asarray(p[f"ratio_{j}"] * (grid.smooth(drives) - taken))
 
 
-def torsion(arm: Arm, record: Record) -> list[Twist]:
+def estimate_from_encoders(arm: Arm, record: WindowedRecord) -> list[EncoderEstimate]:
     """Estimate parameters from the difference between the encoders of each flexible joint that has both.
 
     Args:
@@ -158,24 +162,24 @@ def torsion(arm: Arm, record: Record) -> list[Twist]:
 
     """
     found = []
-    for one in between(arm, record):
-        j, law = one.j, _law(arm, one.j)
-        values = one.told(np.ones(len(one.parameters), bool), one.loaded)
+    for one in read_encoder_differences(arm, record):
+        j, law = one.joint, _torsion_law(arm, one.joint)
+        values = one.regress_terms(np.ones(len(one.parameters), bool), one.loaded_rows)
         seen = {q.name: float(value) for q, value in zip(one.parameters, values, strict=False)}
         borne = one.twist - one.terms @ values[: len(seen)]
         untold = np.interp(borne, law[1], law[0]) - one.torque  # torque that pushes the link back
-        sizes, shapes = _walls(arm, j, one.angle[one.shown], untold[one.shown])
-        found.append(Twist(seen | _zeroed(j, seen) | sizes, shapes))
+        sizes, shapes = _find_walls(arm, j, one.angle[one.visible_rows], untold[one.visible_rows])
+        found.append(EncoderEstimate(seen | _split_encoder_bias(j, seen) | sizes, shapes))
     return found
 
 
-def _law(arm: Arm, j: int) -> tuple[Array, Array]:
+def _torsion_law(arm: Arm, j: int) -> tuple[Array, Array]:
     """Return rising torques at joint j and the torsion of each by the robot file's law."""
-    torque = np.linspace(-1.0, 1.0, POINTS)[:, None] * full_torque(arm)
+    torque = np.linspace(-1.0, 1.0, TORSION_LAW_POINTS)[:, None] * compute_rated_torque(arm)
     return torque[:, j - 1], arm.evaluate("torsion", joint_torque=torque)["torsion"][:, j - 1]
 
 
-def _walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str, float], dict[str, float]]:
+def _find_walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str, float], dict[str, float]]:
     """Find the stiffness and angle of a wall above and of one below that explain most of the torque that pushes joint j
     back, if it stands out and is stiffer than a typical one."""
     sizes, shapes = {}, {}
@@ -185,23 +189,25 @@ def _walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str, flo
             continue
         usual = arm.parameters.described[name].typical or 0.0
         toward, pushed, most = sign * angle, sign * torque, float(np.abs(torque).sum())
-        tried = np.quantile(toward, 1.0 - BEYOND)
-        best, *_ = _wall(tried, toward, pushed)
-        between = np.linspace(tried[min(best + 1, len(tried) - 1)], tried[max(best - 1, 0)], FINER)
-        best, stiffness, missed = _wall(between, toward, pushed)  # few rows tell of the way into a hard wall
-        if missed < CLEAR * most and stiffness > usual:
+        tried = np.quantile(toward, 1.0 - WALL_TAIL_GRID)
+        best, *_ = _choose_wall_angle(tried, toward, pushed)
+        between = np.linspace(tried[min(best + 1, len(tried) - 1)], tried[max(best - 1, 0)], WALL_REFINEMENT)
+        best, stiffness, missed = _choose_wall_angle(
+            between, toward, pushed
+        )  # few rows tell of the way into a hard wall
+        if missed < LARGEST_WALL_MISFIT * most and stiffness > usual:
             sizes[name], shapes[f"contact_{side}_{j}"] = stiffness, float(sign * between[best])
     return sizes, shapes
 
 
-def _wall(tried: Array, toward: Array, pushed: Array) -> tuple[int, float, float]:
+def _choose_wall_angle(tried: Array, toward: Array, pushed: Array) -> tuple[int, float, float]:
     """Choose the angle of ``tried`` whose wall explains the torque best, with its stiffness and its misfit."""
-    fits = [_spring(np.maximum(toward - at, 0.0), pushed) for at in tried]
+    fits = [_fit_wall_stiffness(np.maximum(toward - at, 0.0), pushed) for at in tried]
     best = int(np.argmin([missed for _, missed in fits]))
     return best, *fits[best]
 
 
-def _spring(depth: Array, torque: Array) -> tuple[float, float]:
+def _fit_wall_stiffness(depth: Array, torque: Array) -> tuple[float, float]:
     """Fit the stiffness that gives ``torque`` with the least sum of errors, which bounces in few rows hardly change."""
     within = depth > 0
     rates, weights = torque[within] / depth[within], depth[within]
@@ -213,7 +219,7 @@ def _spring(depth: Array, torque: Array) -> tuple[float, float]:
     return stiffness, float(np.abs(torque - stiffness * depth).sum())
 
 
-def _zeroed(j: int, found: Mapping[str, float]) -> dict[str, float]:
+def _split_encoder_bias(j: int, found: Mapping[str, float]) -> dict[str, float]:
     """Split the constant between the encoders: an eccentric encoder may cause it where it was set to zero."""
     bias = found.get(f"encoder_bias_{j}", 0.0)
     most = math.hypot(found.get(f"eccentricity_sine_{j}", 0.0), found.get(f"eccentricity_cosine_{j}", 0.0))
@@ -224,7 +230,7 @@ def _zeroed(j: int, found: Mapping[str, float]) -> dict[str, float]:
     return {}
 
 
-def _terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Array]:
+def _encoder_terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Array]:
     """Return the change of the motor's angle over the ratio less the joint encoder's reading, for a unit of each
     parameter."""
     angle = q[:, j - 1]
@@ -235,13 +241,13 @@ def _terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Ar
         f"sensor_delay_{j}": v[:, j - 1],
         f"backlash_angle_{j}": 0.5 * np.sign(tau),
     }
-    for k, word in TURNS:
+    for k, word in KINEMATIC_ORDERS:
         terms[f"kinematic_sine_{word}_{j}"] = -np.sin(k * theta)
         terms[f"kinematic_cosine_{word}_{j}"] = -np.cos(k * theta)
     return terms
 
 
-def _bounds(terms: Sequence[Parameter], columns: Array) -> Bounds:
+def _coefficient_bounds(terms: Sequence[Parameter], columns: Array) -> Bounds:
     """Bound each column's coefficient; the first columns are those of ``terms``. A wave is held to a few typical sizes:
     a bias and an arc of a large wave form a parabola, which would explain the torque of a wall."""
     most = np.full(columns.shape[1], np.inf)
@@ -249,20 +255,20 @@ def _bounds(terms: Sequence[Parameter], columns: Array) -> Bounds:
     for k, q in enumerate(terms):
         reach = np.inf
         if q.name.startswith(("eccentricity", "kinematic")):
-            reach = WAVES * (q.typical or 0.0)
+            reach = LARGEST_WAVE * (q.typical or 0.0)
         low[k], high[k] = max(q.low, -reach), min(q.high, reach)
     return low, high
 
 
-def _regressed(matrix: Array, sought: Array, bounds: Bounds) -> Array:
+def _regress_robustly(matrix: Array, sought: Array, bounds: Bounds) -> Array:
     """Regress ``sought`` on the columns of ``matrix`` within ``bounds``, with outlying rows given less weight."""
     scale = np.maximum(np.abs(matrix).max(0), 1e-300)
     matrix, weight, (low, high) = matrix / scale, np.ones(len(sought)), bounds
-    for _ in range(PASSES):
+    for _ in range(REGRESSION_REWEIGHTINGS):
         weighed, told = matrix * weight[:, None], sought * weight
         free = np.asarray(np.linalg.lstsq(weighed, told, rcond=1e-9)[0], float)
-        H = weighed.T @ weighed + ALIKE * len(sought) * np.eye(len(scale))
-        found = bounded(H, weighed.T @ told, free, (low * scale, high * scale))
+        H = weighed.T @ weighed + COLUMN_RIDGE * len(sought) * np.eye(len(scale))
+        found = solve_box_qp(H, weighed.T @ told, free, (low * scale, high * scale))
         left = sought - matrix @ found
         weight = 1.0 / np.sqrt(1.0 + (left / max(2.0 * float(np.median(np.abs(left))), 1e-300)) ** 2)
     return np.asarray(found / scale)

@@ -14,33 +14,41 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.windows import Record, usual_torque
-from hdagen.diagnosis.initialization.encoder_regression import torsion
-from hdagen.prediction.measurement_model import joint_angles
+from hdagen.diagnosis.data.windows import WindowedRecord, measure_usual_torque
+from hdagen.diagnosis.initialization.encoder_regression import estimate_from_encoders
+from hdagen.prediction.measurement_model import read_joint_angles
 
-BEYOND = (0.005, 0.03, 0.1, 0.25)  # shares of the rows beyond a wall: one wall is tried for each
-SIZES = np.geomspace(0.1, 10.0, 25)  # of an input effect, in typical sizes
-SHARES = np.linspace(0.1, 1.0, 19)  # of an input effect's size, that are tried beside a second input effect
-SIZED = ("sensor_delay", "backlash_angle")  # parameters that the encoders give well enough to step by that size
-FRICTION = 0.25  # of the usual input: typical dry friction where the robot file states none
-SIZED_BY = {"N m": "coulomb_friction", "N m s/rad": "viscous_friction", "N m s²/rad²": "viscous_friction"}  # by unit
-LEAST = 0.1  # typical sizes, from which such a step is used
-WORTH = 0.99  # of the input's error without the effect: a size with a smaller error is suggested
+WALL_TAIL_SHARES = (0.005, 0.03, 0.1, 0.25)  # shares of the rows beyond a wall: one wall is tried for each
+INPUT_SIZE_GRID = np.geomspace(0.1, 10.0, 25)  # of an input effect, in typical sizes
+INPUT_SHARE_GRID = np.linspace(0.1, 1.0, 19)  # of an input effect's size, that are tried beside a second input effect
+SCANNED_AT_GUESS = (
+    "sensor_delay",
+    "backlash_angle",
+)  # parameters that the encoders give well enough to step by that size
+FRICTION_SHARE = 0.25  # of the usual input: typical dry friction where the robot file states none
+FRICTION_BY_UNIT = {
+    "N m": "coulomb_friction",
+    "N m s/rad": "viscous_friction",
+    "N m s²/rad²": "viscous_friction",
+}  # by unit
+LEAST_SCANNED_GUESS = 0.1  # typical sizes, from which such a step is used
+LARGEST_ERROR_RATIO = 0.99  # of the input's error without the effect: a size with a smaller error is suggested
 
 
 @dataclass(frozen=True)
-class Suggested:
-    """``shapes``: starting values by shape parameter, in place of the model's; ``sizes``: step of an amplitude for its
-    column, in its unit; ``seen``: estimates by parameter, from which every hypothesis starts within nuisance sizes;
-    ``units``: typical sizes of torques and friction at a motor, by parameter, where the robot file states none."""
+class InitialGuess:
+    """``shapes``: starting values by shape parameter, in place of the model's; ``column_steps``: step of an amplitude
+    for its column, in its unit; ``seen``: estimates by parameter, from which every hypothesis starts within nuisance
+    sizes; ``units``: typical sizes of torques and friction at a motor, by parameter, where the robot file states
+    none."""
 
     shapes: dict[str, tuple[float, ...]]
-    sizes: dict[str, float]
-    seen: dict[str, float]
+    column_steps: dict[str, float]
+    values: dict[str, float]
     units: dict[str, float] = field(default_factory=dict)
 
 
-def suggested(arm: Arm, record: Record) -> Suggested:
+def guess_from_log(arm: Arm, record: WindowedRecord) -> InitialGuess:
     """Make the initial guess of a log.
 
     Args:
@@ -51,54 +59,58 @@ def suggested(arm: Arm, record: Record) -> Suggested:
         The initial guess.
 
     """
-    twisted = torsion(arm, record)
-    seen = {name: value for twist in twisted for name, value in twist.seen.items()}
-    least = {name: LEAST * (q.typical or np.inf) for name, q in arm.parameters.described.items()}
-    sized = {name: size for name, size in seen.items() if name.startswith(SIZED) and abs(size) > least[name]}
-    shapes = _ends(arm, record)
+    twisted = estimate_from_encoders(arm, record)
+    seen = {name: value for twist in twisted for name, value in twist.sizes.items()}
+    least = {name: LEAST_SCANNED_GUESS * (q.typical or np.inf) for name, q in arm.parameters.described.items()}
+    sized = {name: size for name, size in seen.items() if name.startswith(SCANNED_AT_GUESS) and abs(size) > least[name]}
+    shapes = _wall_positions(arm, record)
     for name, value in (pair for twist in twisted for pair in twist.shapes.items()):
         shapes[name] = (value, *shapes[name])
-    return Suggested(shapes, _inputs(arm, record) | sized, seen, _units(arm, record))
+    return InitialGuess(shapes, _input_effect_sizes(arm, record) | sized, seen, _friction_units(arm, record))
 
 
-def _units(arm: Arm, record: Record) -> dict[str, float]:
+def _friction_units(arm: Arm, record: WindowedRecord) -> dict[str, float]:
     """Choose typical torques at motors whose robot file states no dry friction, and typical viscous friction where it
     states none. The manifest gives these as shares of the largest input; here the same shares apply to the log's usual
     input."""
-    described, usual, found = arm.parameters.described, usual_torque(arm, record), {}
+    described, usual, found = arm.parameters.described, measure_usual_torque(arm, record), {}
     for effect in arm.manifest["effects"]:
         for j in effect["joints"]:
             if effect["place"] != "motor" or not j or not usual[j - 1] > 0.0:
                 continue
-            scale = FRICTION * usual[j - 1] / float(described[f"coulomb_friction_{j}"].typical or np.inf)
+            scale = FRICTION_SHARE * usual[j - 1] / float(described[f"coulomb_friction_{j}"].typical or np.inf)
             for name in (f"{amplitude}_{j}" for amplitude in effect["amplitudes"]):
                 q = described.get(name)
-                if q is None or not q.typical or q.unit not in SIZED_BY:
+                if q is None or not q.typical or q.unit not in FRICTION_BY_UNIT:
                     continue
-                if not described[f"{SIZED_BY[q.unit]}_{j}"].nominal:
+                if not described[f"{FRICTION_BY_UNIT[q.unit]}_{j}"].nominal:
                     found[name] = scale * q.typical
     return found
 
 
-def _ends(arm: Arm, record: Record) -> dict[str, tuple[float, ...]]:
+def _wall_positions(arm: Arm, record: WindowedRecord) -> dict[str, tuple[float, ...]]:
     """List walls near the ends of each joint's range."""
     found: dict[str, tuple[float, ...]] = {}
-    angles = joint_angles(arm, record.log)
+    angles = read_joint_angles(arm, record.log)
     for j in range(1, arm.n + 1):
         if f"contact_above_{j}" in arm.parameters.described:
-            q = angles[record.shown, j - 1]
-            found[f"contact_above_{j}"] = tuple(float(np.quantile(q, 1 - share)) for share in BEYOND)
-            found[f"contact_below_{j}"] = tuple(float(np.quantile(q, share)) for share in BEYOND)
+            q = angles[record.visible_rows, j - 1]
+            found[f"contact_above_{j}"] = tuple(float(np.quantile(q, 1 - share)) for share in WALL_TAIL_SHARES)
+            found[f"contact_below_{j}"] = tuple(float(np.quantile(q, share)) for share in WALL_TAIL_SHARES)
     return found
 
 
-def _inputs(arm: Arm, record: Record) -> dict[str, float]:
+def _input_effect_sizes(arm: Arm, record: WindowedRecord) -> dict[str, float]:
     """List the size of each input effect with which the commands alone explain the measured inputs best."""
     described = arm.parameters.described
-    return {name: value - described[name].nominal for _, name, _, value, share in driven(arm, record) if share < WORTH}
+    return {
+        name: value - described[name].nominal
+        for _, name, _, value, share in fit_input_effects(arm, record)
+        if share < LARGEST_ERROR_RATIO
+    }
 
 
-def driven(arm: Arm, record: Record) -> Iterator[tuple[str, str, int, float, float]]:
+def fit_input_effects(arm: Arm, record: WindowedRecord) -> Iterator[tuple[str, str, int, float, float]]:
     """Fit each input effect by itself to the measured input of its joint, from the commands alone.
 
     Args:
@@ -121,16 +133,18 @@ def driven(arm: Arm, record: Record) -> Iterator[tuple[str, str, int, float, flo
         if arm.input_names[j - 1] not in record.names:
             continue
         described, place = arm.parameters.described[name], list(arm.parameters.described).index(name)
-        tried = [described.nominal + float(s) * (described.typical or 0.0) for s in SIZES]
+        tried = [described.nominal + float(s) * (described.typical or 0.0) for s in INPUT_SIZE_GRID]
         tried = [value for value in tried if described.low <= value <= described.high]
         points = np.tile(arm.p, (1 + len(tried), 1))
         points[:, place] = described.nominal, *tried
-        errors = [_error(arm, record, p, j) for p in points]
+        errors = [_input_error(arm, record, p, j) for p in points]
         best = int(np.argmin(errors[1:]))
         yield effect, name, j, tried[best], errors[1 + best] / max(errors[0], np.finfo(float).tiny)
 
 
-def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) -> tuple[float, float]:
+def split_input_effects(
+    arm: Arm, record: WindowedRecord, p: Array, there: str, beside: str, j: int
+) -> tuple[float, float]:
     """Split one input effect into two that may both be there. The one that a fit found may have stood in for both.
 
     Args:
@@ -149,17 +163,19 @@ def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) 
     places = [list(described).index(name) for name in (there, beside)]
     q, base = described[beside], described[there].nominal
     error, best = np.inf, (float(p[places[0]]), q.nominal)
-    for share in SHARES:
-        for size in SIZES[:: len(SIZES) // 8] * (q.typical or 0.0):
+    for share in INPUT_SHARE_GRID:
+        for size in INPUT_SIZE_GRID[:: len(INPUT_SIZE_GRID) // 8] * (q.typical or 0.0):
             moved = p.copy()
             moved[places] = base + share * (p[places[0]] - base), np.clip(q.nominal + size, q.low, q.high)
-            left = _error(arm, record, moved, j)
+            left = _input_error(arm, record, moved, j)
             if left < error:
                 error, best = left, (float(moved[places[0]]), float(moved[places[1]]))
     return best
 
 
-def _error(arm: Arm, record: Record, p: Array, j: int) -> float:
+def _input_error(arm: Arm, record: WindowedRecord, p: Array, j: int) -> float:
     """Return the error (rms) of joint j's input as the commands give it under parameters ``p`` (np)."""
-    _, at = arm.at(p).acting(record.command[:, : arm.n], record.steps, record.before)
-    return float(np.sqrt(np.mean((at[:, j - 1] - record.log[arm.input_names[j - 1]])[record.shown] ** 2)))
+    _, at = arm.with_parameters(p).apply_input_stage(
+        record.command[:, : arm.n], record.time_steps, record.initial_input
+    )
+    return float(np.sqrt(np.mean((at[:, j - 1] - record.log[arm.input_names[j - 1]])[record.visible_rows] ** 2)))

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from hdagen.diagnosis.decision.posterior import Decision
-from hdagen.diagnosis.holdout.unseen_motion import UnseenMotion
-from hdagen.diagnosis.residuals.residual_torque import Sight
-from hdagen.diagnosis.search.hypothesis_search import Search
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
+from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.prediction.window_replay import Replay
 
 
@@ -16,10 +16,10 @@ from hdagen.prediction.window_replay import Replay
 class Diagnosis:
     """The search's result, the held-out motion, and its replay ``after`` the verdict."""
 
-    search: Search
+    search: SearchResult
     decision: Decision
     content: dict[str, Any]
-    held_out: UnseenMotion
+    holdout: HoldoutMotion
     after: Replay
-    sight: Sight  # ``held_out`` through the models before and after
-    left_out: tuple[str, ...]  # a sentence for every stage and simulation that failed
+    residual_torque: ResidualTorque  # ``holdout`` through the models before and after
+    failures: tuple[str, ...]  # a sentence for every stage and simulation that failed

@@ -12,28 +12,34 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.residuals.effect_agreement import agreement
-from hdagen.diagnosis.residuals.localization import Trace, regressors, since_reversal, trace
-from hdagen.diagnosis.residuals.regressor_tests import explained
-from hdagen.diagnosis.residuals.residual_torque import Sight
+from hdagen.diagnosis.residuals.effect_agreement import measure_agreement
+from hdagen.diagnosis.residuals.localization import ResidualTrace, list_regressors, time_since_reversal, trace_residual
+from hdagen.diagnosis.residuals.regressor_tests import explain_variance
+from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
 from hdagen.diagnosis.residuals.spectra import Spectra
-from hdagen.log.column_map import commanded
-from hdagen.pages.curves import Curve, Panel, Plane, Series, panels, planes
+from hdagen.log.column_map import name_command_channel
+from hdagen.pages.curves import Curve, Panel, Plane, Series, draw_panels, draw_planes
 
-POINTS = 2500  # of the log that are drawn in one plane
-BINS = 60  # of the abscissa, for a curve of means
-FEWEST = 5  # points that a bin must have to be drawn
-GROWTH = 2.5  # exponent of the bins' edges, so that bins are narrow near standstill
-SETTLED = 20  # rows of a log in which commands from before it may still act
-SCENE = 0.25  # s, of a stretch of commands and currents
-UNKNOWN = 3  # regressors that are drawn where no effect is named
-LOOPS = 10.0  # s, of torque over torsion: more loops hide each other
-FASTEST = 0.1  # of the sampling rate, up to which a response is drawn
-TURN = 2 * np.pi
+MOST_DRAWN_POINTS = 2500  # of the log that are drawn in one plane
+CURVE_BINS = 60  # of the abscissa, for a curve of means
+FEWEST_POINTS = 5  # points that a bin must have to be drawn
+BIN_GROWTH = 2.5  # exponent of the bins' edges, so that bins are narrow near standstill
+SETTLING_ROWS = 20  # rows of a log in which commands from before it may still act
+SCENE_SECONDS = 0.25  # s, of a stretch of commands and currents
+MOST_DRAWN_REGRESSORS = 3  # regressors that are drawn where no effect is named
+LOOP_SECONDS = 10.0  # s, of torque over torsion: more loops hide each other
+LARGEST_DRAWN_FREQUENCY = 0.1  # of the sampling rate, up to which a response is drawn
+FULL_TURN = 2 * np.pi
 
-BY_SPEED = ("coulomb_friction", "viscous_friction", "stribeck_friction", "asymmetric_friction", "quadratic_friction")
-BY_INPUT = ("current_saturation", "voltage_sag", "current_loop_lag", "command_delay")
-BY_TORSION = (
+SPEED_EFFECTS = (
+    "coulomb_friction",
+    "viscous_friction",
+    "stribeck_friction",
+    "asymmetric_friction",
+    "quadratic_friction",
+)
+INPUT_EFFECTS = ("current_saturation", "voltage_sag", "current_loop_lag", "command_delay")
+TORSION_EFFECTS = (
     "transmission_hysteresis",
     "stiffness",
     "backlash",
@@ -49,55 +55,55 @@ class Abscissa:
     """The abscissa of a plot: label with unit, and values (K,) at the instants of a residual."""
 
     label: str
-    of: Callable[[Sight, int], Array]
+    values: Callable[[ResidualTorque, int], Array]
 
 
-def _state(quantity: str) -> Callable[[Sight, int], Array]:
-    return lambda sight, j: sight.column(quantity, j)
+def _read_column(quantity: str) -> Callable[[ResidualTorque, int], Array]:
+    return lambda sight, j: sight.read_state(quantity, j)
 
 
-def _acceleration(sight: Sight, j: int) -> Array:
+def _read_acceleration(sight: ResidualTorque, j: int) -> Array:
     return sight.acceleration[1][:, j - 1]
 
 
-def _load(sight: Sight, j: int) -> Array:
+def _read_load(sight: ResidualTorque, j: int) -> Array:
     return sight.link_torque(sight.after)[:, j - 1]
 
 
-def _turn(sight: Sight, j: int) -> Array:
-    return np.asarray(np.mod(sight.column("motor_position", j), TURN))
+def _wrap_motor_angle(sight: ResidualTorque, j: int) -> Array:
+    return np.asarray(np.mod(sight.read_state("motor_position", j), FULL_TURN))
 
 
-def _since(sight: Sight, joint: int) -> Array:
+def _measure_travel(sight: ResidualTorque, joint: int) -> Array:
     """The motor's travel since its last reversal (K,), rad."""
-    angle, since = sight.column("motor_position", joint), since_reversal(sight, joint)
+    angle, since = sight.read_state("motor_position", joint), time_since_reversal(sight, joint)
     turned = np.searchsorted(sight.time, sight.time - since - 0.5 * sight.grid.period)
     return np.asarray(np.abs(angle - angle[np.clip(turned, 0, len(angle) - 1)]))
 
 
-INPUT = Abscissa("motor input ({input})", lambda sight, j: sight.inputs(sight.after)[:, j - 1])
-OVER = {  # the abscissa of missing torque or angle, by effect
-    "torque_ripple": Abscissa("motor angle within a turn (rad)", _turn),
-    "kinematic_error": Abscissa("motor angle within a turn (rad)", _turn),
-    "torque_constant": INPUT,
-    "current_bias": Abscissa("motor speed (rad/s)", _state("motor_velocity")),
-    "rotor_coupling": Abscissa("acceleration of joint 1 (rad/s²)", lambda sight, j: _acceleration(sight, 1)),
-    "payload": Abscissa("joint acceleration (rad/s²)", _acceleration),
-    "link_flexibility": Abscissa("joint acceleration (rad/s²)", _acceleration),
-    "base_compliance": Abscissa("joint acceleration (rad/s²)", _acceleration),
-    "torque_sensor_gain": Abscissa("load (N m)", _load),
-    "sensor_delay": Abscissa("joint speed (rad/s)", _state("joint_velocity")),
+INPUT_ABSCISSA = Abscissa("motor input ({input})", lambda sight, j: sight.inputs(sight.after)[:, j - 1])
+RESIDUAL_ABSCISSAE = {  # the abscissa of missing torque or angle, by effect
+    "torque_ripple": Abscissa("motor angle within a turn (rad)", _wrap_motor_angle),
+    "kinematic_error": Abscissa("motor angle within a turn (rad)", _wrap_motor_angle),
+    "torque_constant": INPUT_ABSCISSA,
+    "current_bias": Abscissa("motor speed (rad/s)", _read_column("motor_velocity")),
+    "rotor_coupling": Abscissa("acceleration of joint 1 (rad/s²)", lambda sight, j: _read_acceleration(sight, 1)),
+    "payload": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
+    "link_flexibility": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
+    "base_compliance": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
+    "torque_sensor_gain": Abscissa("load (N m)", _read_load),
+    "sensor_delay": Abscissa("joint speed (rad/s)", _read_column("joint_velocity")),
 }
-ALONG = {  # the abscissa of friction against the motion, by effect
-    "load_dependent_friction": Abscissa("load (N m)", _load),
-    "position_dependent_friction": Abscissa("joint angle (rad)", _state("joint_position")),
+FRICTION_ABSCISSAE = {  # the abscissa of friction against the motion, by effect
+    "load_dependent_friction": Abscissa("load (N m)", _read_load),
+    "position_dependent_friction": Abscissa("joint angle (rad)", _read_column("joint_position")),
     "thermal_friction": Abscissa("time (s)", lambda sight, j: sight.time - sight.time[0]),
 }
-FILE = "the robot file's"
-REACH = 2.0  # rad, travel of the motor after a reversal that is drawn
+ROBOT_FILE_WORDS = "the robot file's"
+LARGEST_DRAWN_TRAVEL = 2.0  # rad, travel of the motor after a reversal that is drawn
 
 
-def pictures(sight: Sight, entry: str, place: str) -> list[str]:
+def draw_effect(sight: ResidualTorque, entry: str, place: str) -> list[str]:
     """Draw the figures of an effect, or of the residual where it is unknown.
 
     Args:
@@ -114,60 +120,62 @@ def pictures(sight: Sight, entry: str, place: str) -> list[str]:
     if int(number):
         joints = [int(number)]
     if effect in ("unknown", "none"):
-        return [_unknown(sight, place, joint) for joint in joints]
-    if effect in BY_INPUT:
-        return [figure for joint in joints for figure in _input(sight, entry, joint)]
-    if effect in (*BY_SPEED, "presliding_friction"):
-        return [_friction(sight, entry, joint) for joint in joints]
-    if effect in ALONG:
-        return [_against(sight, entry, joint) for joint in joints]
-    if effect in BY_TORSION and sight.split:
-        return [_loop(sight, entry, joint) for joint in joints]
-    if effect in BY_TORSION:
-        return [_answer(sight, entry, joint) for joint in joints]
-    over = OVER.get(effect, Abscissa("joint angle (rad)", _state("joint_position")))
-    return [_plain(sight, entry, place, over, joints)]
+        return [_plot_unknown(sight, place, joint) for joint in joints]
+    if effect in INPUT_EFFECTS:
+        return [figure for joint in joints for figure in _plot_input(sight, entry, joint)]
+    if effect in (*SPEED_EFFECTS, "presliding_friction"):
+        return [_plot_friction(sight, entry, joint) for joint in joints]
+    if effect in FRICTION_ABSCISSAE:
+        return [_plot_friction_dependence(sight, entry, joint) for joint in joints]
+    if effect in TORSION_EFFECTS and sight.has_both_sides:
+        return [_plot_torsion_loop(sight, entry, joint) for joint in joints]
+    if effect in TORSION_EFFECTS:
+        return [_plot_response(sight, entry, joint) for joint in joints]
+    over = RESIDUAL_ABSCISSAE.get(effect, Abscissa("joint angle (rad)", _read_column("joint_position")))
+    return [_plot_residual(sight, entry, place, over, joints)]
 
 
-def _plain(sight: Sight, entry: str, place: str, over: Abscissa, joints: Sequence[int]) -> str:
+def _plot_residual(sight: ResidualTorque, entry: str, place: str, over: Abscissa, joints: Sequence[int]) -> str:
     """Missing torque or angle over one abscissa, a plane for each joint."""
     shown, label, points, added = [], "", list[Array](), list[Array]()
     for joint in joints:
-        seen = trace(sight, place, joint, entry)
-        clear = np.ones(len(seen.adds), bool)
-        if seen.words.endswith(f"motor {joint}"):
-            clear = sight.slides(joint)[seen.at]
-        x, adds, left = over.of(sight, joint)[seen.at][clear], seen.adds[clear], seen.after[clear]
-        label = f"{_noun(seen)} ({seen.unit})"
-        shown.append(Plane(_points_and_fit(x, left + adds, adds), f"joint {joint}"))
+        seen = trace_residual(sight, place, joint, entry)
+        clear = np.ones(len(seen.effect_part), bool)
+        if seen.quantity.endswith(f"motor {joint}"):
+            clear = sight.is_sliding(joint)[seen.instants]
+        x, adds, left = over.values(sight, joint)[seen.instants][clear], seen.effect_part[clear], seen.after[clear]
+        label = f"{_name_residual(seen)} ({seen.unit})"
+        shown.append(Plane(_draw_points_and_fit(x, left + adds, adds), f"joint {joint}"))
         points, added = [*points, left + adds], [*added, adds]
     x_label = over.label.replace("{input}", sight.input_unit(1))
-    caption = f"{CAPTION} {agreement(np.concatenate(points), np.concatenate(added)).words()}"
-    return planes(_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=caption)
+    caption = f"{RESIDUAL_CAPTION} {measure_agreement(np.concatenate(points), np.concatenate(added)).describe()}"
+    return draw_planes(
+        _write_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=caption
+    )
 
 
-CAPTION = (
+RESIDUAL_CAPTION = (
     "Points: what the log has beyond the base parameters and everything else of the verdict. Dashed: mean of the "
     "points in narrow bins. Solid: what the effect adds in the model with the fitted parameters. Both passed the "
     "filter with which the motion is differentiated: what is fast shows smaller than it is."
 )
 
 
-def _noun(seen: Trace) -> str:
+def _name_residual(seen: ResidualTrace) -> str:
     return {"A": "current beyond command", "N m": "missing torque", "rad": "missing angle"}[seen.unit]
 
 
-def _points_and_fit(x: Array, y: Array, fit: Array, split: bool = False) -> list[Curve]:
+def _draw_points_and_fit(x: Array, y: Array, fit: Array, split: bool = False) -> list[Curve]:
     """Points, their means, and the fit's means, which are drawn as lines; ``split``: apart for each sign of x."""
-    few = np.unique(np.linspace(0, len(x) - 1, min(len(x), POINTS)).round().astype(int))
+    few = np.unique(np.linspace(0, len(x) - 1, min(len(x), MOST_DRAWN_POINTS)).round().astype(int))
     return [
         Curve("log", x[few], y[few], draw="points", color="grey", width=1.6),
-        Curve("mean of the log", *means(x, y, split), color="blue", dash="dashed"),
-        Curve("model with the effect", *means(x, fit, split), color="vermilion", dash="solid", width=2.4),
+        Curve("mean of the log", *average_in_bins(x, y, split), color="blue", dash="dashed"),
+        Curve("model with the effect", *average_in_bins(x, fit, split), color="vermilion", dash="solid", width=2.4),
     ]
 
 
-def means(x: Array, y: Array, split: bool = False) -> tuple[Array, Array]:
+def average_in_bins(x: Array, y: Array, split: bool = False) -> tuple[Array, Array]:
     """Average points in bins of equal width.
 
     Args:
@@ -184,73 +192,76 @@ def means(x: Array, y: Array, split: bool = False) -> tuple[Array, Array]:
     low, high = float(x.min()), float(x.max())
     if high <= low:
         return np.array([low]), np.array([float(y.mean())])
-    edges = np.linspace(low, high, BINS + 1)
+    edges = np.linspace(low, high, CURVE_BINS + 1)
     if split and low < 0 < high:
-        grown = np.linspace(0, 1, BINS // 2 + 1) ** GROWTH
+        grown = np.linspace(0, 1, CURVE_BINS // 2 + 1) ** BIN_GROWTH
         edges = np.unique(np.r_[low * grown, high * grown])
     number = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     count = np.bincount(number, minlength=len(edges) - 1)
     with np.errstate(invalid="ignore", divide="ignore"):
         middle = np.bincount(number, x, len(edges) - 1) / count
         mean = np.bincount(number, y, len(edges) - 1) / count
-    mean[count < FEWEST] = np.nan
-    middle = np.where(count < FEWEST, (edges[1:] + edges[:-1]) / 2, middle)
+    mean[count < FEWEST_POINTS] = np.nan
+    middle = np.where(count < FEWEST_POINTS, (edges[1:] + edges[:-1]) / 2, middle)
     if split and low < 0 < high:
         at = int(np.searchsorted(edges, 0.0))
         middle, mean = np.insert(middle, at, 0.0), np.insert(mean, at, np.nan)
     return middle, mean
 
 
-def _friction(sight: Sight, entry: str, joint: int) -> str:
+def _plot_friction(sight: ResidualTorque, entry: str, joint: int) -> str:
     """All friction of a motor over speed, or over the travel since a reversal."""
-    effect, j, ok = entry.partition("@")[0], joint - 1, sight.kept & sight.slides(joint)
-    bare, by_speed = sight.without(entry), effect in BY_SPEED
+    effect, j, ok = entry.partition("@")[0], joint - 1, sight.valid & sight.is_sliding(joint)
+    bare, by_speed = sight.parameters_without(entry), effect in SPEED_EFFECTS
     names = list(sight.arm.parameters.described)
     for name in ("coulomb_friction", "viscous_friction"):
         bare[names.index(f"{name}_{joint}")] = 0.0
-    fit = -sight.added(sight.after, bare).motor[ok, j]
-    left = -sight.missing(sight.after).motor[ok, j]
-    robot = fit + sight.added(sight.after, _as_in_the_file(sight, bare, joint)).motor[ok, j]
+    fit = -sight.effect_torque(sight.after, bare).motor[ok, j]
+    left = -sight.residual(sight.after).motor[ok, j]
+    robot = fit + sight.effect_torque(sight.after, _restore_file_friction(sight, bare, joint)).motor[ok, j]
     if by_speed:
         label, y_label = "motor speed (rad/s)", "friction torque (N m)"
-        x, side = sight.column("motor_velocity", joint)[ok], np.ones(len(fit))
+        x, side = sight.read_state("motor_velocity", joint)[ok], np.ones(len(fit))
     else:
         label, y_label = "motor angle since the last reversal (rad)", "friction against the motion (N m)"
-        x, side = _since(sight, joint)[ok], sight.direction[ok, j]
-        near = x <= REACH
+        x, side = _measure_travel(sight, joint)[ok], sight.direction[ok, j]
+        near = x <= LARGEST_DRAWN_TRAVEL
         x, side, fit, left, robot = x[near], side[near], fit[near], left[near], robot[near]
-    curves = _points_and_fit(x, (fit + left) * side, fit * side, by_speed)
-    curves.insert(2, Curve("robot file", *means(x, robot * side, by_speed), color="green", dash="dotted"))
-    return planes(
-        _title(entry),
+    curves = _draw_points_and_fit(x, (fit + left) * side, fit * side, by_speed)
+    curves.insert(2, Curve("robot file", *average_in_bins(x, robot * side, by_speed), color="green", dash="dotted"))
+    return draw_planes(
+        _write_title(entry),
         [Plane(curves, f"motor {joint}")],
         x_label=label,
         y_label=y_label,
         equal=False,
-        caption="Points: torque that the log needs beyond inertia and load; standstill and the instants of reversal "
-        "are left out. Curves: mean of the points in narrow bins, friction as the robot file has it, and with the "
-        f"effect at its fitted parameters. {agreement(fit + left - robot, fit - robot).words(FILE)}",
+        caption=(
+            "Points: torque that the log needs beyond inertia and load; standstill and the instants of reversal are"
+            " left out. Curves: mean of the points in narrow bins, friction as the robot file has it, and with the"
+            " effect at its fitted parameters."
+            f" {measure_agreement(fit + left - robot, fit - robot).describe(ROBOT_FILE_WORDS)}"
+        ),
     )
 
 
-def _against(sight: Sight, entry: str, joint: int) -> str:
+def _plot_friction_dependence(sight: ResidualTorque, entry: str, joint: int) -> str:
     """Friction beyond Coulomb's and the viscous one, over the quantity that the effect depends on."""
-    over, j, ok = ALONG[entry.partition("@")[0]], joint - 1, sight.kept & sight.slides(joint)
+    over, j, ok = FRICTION_ABSCISSAE[entry.partition("@")[0]], joint - 1, sight.valid & sight.is_sliding(joint)
     side = sight.direction[ok, j]
-    fit = -sight.added(sight.after, sight.without(entry)).motor[ok, j] * side
-    left = -sight.missing(sight.after).motor[ok, j] * side
-    return planes(
-        _title(entry),
-        [Plane(_points_and_fit(over.of(sight, joint)[ok], fit + left, fit), f"motor {joint}")],
+    fit = -sight.effect_torque(sight.after, sight.parameters_without(entry)).motor[ok, j] * side
+    left = -sight.residual(sight.after).motor[ok, j] * side
+    return draw_planes(
+        _write_title(entry),
+        [Plane(_draw_points_and_fit(over.values(sight, joint)[ok], fit + left, fit), f"motor {joint}")],
         x_label=over.label,
         y_label="friction beyond the base's (N m)",
         equal=False,
         caption="Against the motion; standstill and the instants of reversal are left out. "
-        f"{CAPTION} {agreement(fit + left, fit).words()}",
+        f"{RESIDUAL_CAPTION} {measure_agreement(fit + left, fit).describe()}",
     )
 
 
-def _as_in_the_file(sight: Sight, bare: Array, joint: int) -> Array:
+def _restore_file_friction(sight: ResidualTorque, bare: Array, joint: int) -> Array:
     """``bare`` with Coulomb and viscous friction as in the robot file."""
     p, names = bare.copy(), list(sight.arm.parameters.described)
     for name in ("coulomb_friction", "viscous_friction"):
@@ -259,17 +270,19 @@ def _as_in_the_file(sight: Sight, bare: Array, joint: int) -> Array:
     return p
 
 
-def _loop(sight: Sight, entry: str, joint: int) -> str:
+def _plot_torsion_loop(sight: ResidualTorque, entry: str, joint: int) -> str:
     """Torque over torsion where that goes furthest: the torque that the links require, and the models' torques."""
-    j, ok = joint - 1, np.flatnonzero(sight.kept)
+    j, ok = joint - 1, np.flatnonzero(sight.valid)
     torsion = sight.smooth(
-        (sight.column("motor_position", joint) / sight.ratio[j] - sight.column("joint_position", joint))[:, None]
+        (sight.read_state("motor_position", joint) / sight.ratio[j] - sight.read_state("joint_position", joint))[
+            :, None
+        ]
     )[:, 0]
-    parts = np.array_split(ok, max(1, round(np.ptp(sight.time[ok]) / LOOPS)))
+    parts = np.array_split(ok, max(1, round(np.ptp(sight.time[ok]) / LOOP_SECONDS)))
     ok = max(parts, key=lambda part: np.ptp(torsion[part]))
     stretch = ""
     if len(parts) > 1:
-        stretch = f", where that goes furthest in {LOOPS:g} s"
+        stretch = f", where that goes furthest in {LOOP_SECONDS:g} s"
     torsion, needed = torsion[ok], sight.link_torque(sight.after)[ok, j]
     curves = [Curve("log", torsion, needed, color="grey", dash="solid", width=5.0)]
     lacks = list[Array]()
@@ -277,35 +290,35 @@ def _loop(sight: Sight, entry: str, joint: int) -> str:
         ("robot file", sight.before, "green", "dotted"),
         ("model with the effect", sight.after, "vermilion", "solid"),
     ):
-        link = sight.missing(p).link
+        link = sight.residual(p).link
         assert link is not None  # both sides are measured here
         lacks.append(link[ok, j])
         curves.append(Curve(label, torsion, sight.link_torque(p)[ok, j] - link[ok, j], color=color, dash=dash))
-    return planes(
-        _title(entry),
+    return draw_planes(
+        _write_title(entry),
         [Plane(curves, f"joint {joint}")],
         x_label="torsion (rad)",
         y_label="transmitted torque (N m)",
         equal=False,
         caption="Log: torque that the links' motion asks for, over motor angle divided by ratio less joint angle"
         f"{stretch}. The model's torque is that of its springs and effects at the measured states. "
-        f"{agreement(lacks[0], lacks[0] - lacks[1]).words(FILE)}",
+        f"{measure_agreement(lacks[0], lacks[0] - lacks[1]).describe(ROBOT_FILE_WORDS)}",
     )
 
 
-def _answer(sight: Sight, entry: str, joint: int) -> str:
+def _plot_response(sight: ResidualTorque, entry: str, joint: int) -> str:
     """The spectrum of the replay error, where a joint has one encoder and its torsion is not measured."""
     log, period = sight.log, sight.grid.period
     name = next(n for side in ("motor", "joint") if (n := f"{side}_position_{joint}") in log)
     errors = [sight.on_grid(log[name] - replay.columns[name]) for replay in sight.replays]
-    found = [Spectra.of(error, period) for error in errors]
-    shown = (found[0].frequency > 0) & (found[0].frequency <= FASTEST / period)
+    found = [Spectra.from_series(error, period) for error in errors]
+    shown = (found[0].frequency > 0) & (found[0].frequency <= LARGEST_DRAWN_FREQUENCY / period)
     drawn = [
         Series("robot file", found[0].density[shown], color="green", dash="dashed"),
         Series("model with the effect", found[1].density[shown], color="vermilion", dash="solid"),
     ]
-    return panels(
-        f"{_title(entry)}: what the replays miss",
+    return draw_panels(
+        f"{_write_title(entry)}: what the replays miss",
         found[0].frequency[shown],
         [Panel(f"{name.replace('_', ' ')} (rad/√Hz)", drawn, log=True)],
         x_label="frequency (Hz)",
@@ -314,28 +327,28 @@ def _answer(sight: Sight, entry: str, joint: int) -> str:
     )
 
 
-def _input(sight: Sight, entry: str, joint: int) -> list[str]:
+def _plot_input(sight: ResidualTorque, entry: str, joint: int) -> list[str]:
     """Current or torque over time, where the effect changes most, and over its command."""
-    if not sight.driven(joint):
-        return [_plain(sight, entry, "motor", Abscissa("motor input", INPUT.of), [joint])]
-    shown = [sight.commanded(p)[1][:, joint - 1] for p in (sight.before, sight.after)]
+    if not sight.has_measured_input(joint):
+        return [_plot_residual(sight, entry, "motor", Abscissa("motor input", INPUT_ABSCISSA.values), [joint])]
+    shown = [sight.simulate_inputs(p)[1][:, joint - 1] for p in (sight.before, sight.after)]
     name, log = sight.arm.input_names[joint - 1], sight.log
     word, unit = sight.input_word(joint), sight.input_unit(joint)
-    command, measured = log[commanded(name)], log[name]
-    rows = max(round(SCENE / log.period), 20)
-    change = np.convolve(np.abs(shown[1] - shown[0])[SETTLED:], np.ones(rows), "valid")
-    span = slice(SETTLED + int(np.argmax(change)), SETTLED + int(np.argmax(change)) + rows)
+    command, measured = log[name_command_channel(name)], log[name]
+    rows = max(round(SCENE_SECONDS / log.period), 20)
+    change = np.convolve(np.abs(shown[1] - shown[0])[SETTLING_ROWS:], np.ones(rows), "valid")
+    span = slice(SETTLING_ROWS + int(np.argmax(change)), SETTLING_ROWS + int(np.argmax(change)) + rows)
     drawn = [
         Series("command", command[span], color="ink", draw="step", dash="dotted"),
         Series("measured", measured[span], color="grey", dash="solid"),
         Series("robot file", shown[0][span], color="green", dash="dashed"),
         Series("model with the effect", shown[1][span], color="vermilion", dash="solid", width=2.4),
     ]
-    scene = panels(
-        f"{_title(entry)}: command and {word}",
+    scene = draw_panels(
+        f"{_write_title(entry)}: command and {word}",
         log.time[span],
         [Panel(f"{word} ({unit})", drawn, f"motor {joint}", height=1.8)],
-        caption=f"The {SCENE:g} s in which the effect changes most.",
+        caption=f"The {SCENE_SECONDS:g} s in which the effect changes most.",
     )
     x, before, after = command, np.zeros(len(command)), shown[1]
     x_label, y_label, hint = f"command ({unit})", f"{word} ({unit})", ""
@@ -343,43 +356,45 @@ def _input(sight: Sight, entry: str, joint: int) -> list[str]:
         x, before = np.gradient(command, log.time), shown[0]
         x_label, y_label = f"rate of the command ({unit}/s)", f"measured less undelayed {word} ({unit})"
         hint = "The slope is the delay, s, with its sign reversed. "
-    curves = _points_and_fit(x[SETTLED:], (measured - before)[SETTLED:], (after - before)[SETTLED:])
-    alike = agreement((measured - shown[0])[SETTLED:], (shown[1] - shown[0])[SETTLED:])
-    over = planes(
-        f"{_title(entry)}: {word} over command",
+    curves = _draw_points_and_fit(
+        x[SETTLING_ROWS:], (measured - before)[SETTLING_ROWS:], (after - before)[SETTLING_ROWS:]
+    )
+    alike = measure_agreement((measured - shown[0])[SETTLING_ROWS:], (shown[1] - shown[0])[SETTLING_ROWS:])
+    over = draw_planes(
+        f"{_write_title(entry)}: {word} over command",
         [Plane(curves, f"motor {joint}")],
         x_label=x_label,
         y_label=y_label,
         equal=False,
-        caption=f"{hint}{alike.words(FILE)}",
+        caption=f"{hint}{alike.describe(ROBOT_FILE_WORDS)}",
     )
     return [scene, over]
 
 
-def _unknown(sight: Sight, place: str, joint: int) -> str:
+def _plot_unknown(sight: ResidualTorque, place: str, joint: int) -> str:
     """The residual that no effect explains, over the three regressors that explain most of it."""
-    seen = trace(sight, place, joint, "")
-    best = explained(seen.after, regressors(sight, joint, seen.at))[:UNKNOWN]
-    few = np.unique(np.linspace(0, len(seen.after) - 1, min(len(seen.after), POINTS)).round().astype(int))
+    seen = trace_residual(sight, place, joint, "")
+    best = explain_variance(seen.after, list_regressors(sight, joint, seen.instants))[:MOST_DRAWN_REGRESSORS]
+    few = np.unique(np.linspace(0, len(seen.after) - 1, min(len(seen.after), MOST_DRAWN_POINTS)).round().astype(int))
     figures = ""
     for one in best:
         x, name, unit = one.regressor.values, one.regressor.name, one.regressor.unit
         curves = [
             Curve("log", x[few], seen.after[few], draw="points", color="grey", width=1.6),
-            Curve("mean", *means(x, seen.after), color="blue", dash="solid"),
+            Curve("mean", *average_in_bins(x, seen.after), color="blue", dash="solid"),
         ]
-        figures += planes(
+        figures += draw_planes(
             f"What is missing at joint {joint}, over {name}",
             [Plane(curves)],
             x_label=f"{name.removeprefix('the ')} ({unit})",
-            y_label=f"{_noun(seen)} ({seen.unit})",
+            y_label=f"{_name_residual(seen)} ({seen.unit})",
             equal=False,
             caption=f"Its bins explain {100 * one.share:.0f} % of the variance (p = {one.p:.2g} by circular shifts).",
         )
     return figures
 
 
-def _title(entry: str) -> str:
+def _write_title(entry: str) -> str:
     effect, _, joint = entry.partition("@")
     title = effect.replace("_", " ").capitalize()
     if joint == "0":

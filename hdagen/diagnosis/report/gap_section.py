@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from hdagen.diagnosis.data.gap import ABOVE
-from hdagen.diagnosis.holdout.unexplained_remainder import SHARE
-from hdagen.diagnosis.report.residual_maps import COLORS
-from hdagen.diagnosis.report.sentences import words
-from hdagen.pages.bar_chart import Bars, bars
-from hdagen.pages.number_table import table
+from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
+from hdagen.diagnosis.holdout.unexplained_remainder import NAMED_REMAINDER_SHARE
+from hdagen.diagnosis.report.residual_maps import REPLAY_COLORS
+from hdagen.diagnosis.report.sentences import name_effect
+from hdagen.pages.bar_chart import BarGroup, draw_bars
+from hdagen.pages.number_table import draw_table
 from hdagen.pages.page import Section
 
 
@@ -33,19 +33,19 @@ def show_gap(content: dict[str, Any]) -> Section:
             "Flexible correction: base parameters refitted, then regressions without structure as far as they close "
             "more, on the same data."
         )
-    whole = bars(
+    whole = draw_bars(
         "Gap on held-out motion",
         names,
-        [Bars("", values)],
+        [BarGroup("", values)],
         value_label="replay error in multiples of noise",
-        levels=bound_gap(gap),
+        levels=list_gap_levels(gap),
         log=True,
         caption=caption,
     )
     drawn = []
     for when in ("before", "after"):
-        drawn.append(Bars(when, [c[when] for c in channels.values()], color=COLORS[when]))
-    by = bars(
+        drawn.append(BarGroup(when, [c[when] for c in channels.values()], color=REPLAY_COLORS[when]))
+    by = draw_bars(
         "Gap by channel",
         [name.replace("_", " ") for name in channels],
         drawn,
@@ -57,10 +57,14 @@ def show_gap(content: dict[str, Any]) -> Section:
         "Root mean square of the replay error in windows of 0.25 s, in multiples of each channel's noise, joined as "
         f"the geometric mean. Held out: {content['data']['held_out']}."
     )
-    return Section("The gap", text, [whole, by, *_remains(content), *_small(content), *_tolerated(content)])
+    return Section(
+        "The gap",
+        text,
+        [whole, by, *_show_remainders(content), *_show_small_effects(content), *_show_nuisance_effects(content)],
+    )
 
 
-def bound_gap(gap: dict[str, Any]) -> list[tuple[float, str]]:
+def list_gap_levels(gap: dict[str, Any]) -> list[tuple[float, str]]:
     """List the levels that bound a gap.
 
     Args:
@@ -73,7 +77,7 @@ def bound_gap(gap: dict[str, Any]) -> list[tuple[float, str]]:
     return [(gap["floor"], "noise alone"), (gap["achievable"], "best of all that was fitted")]
 
 
-def _remains(content: dict[str, Any]) -> list[str]:
+def _show_remainders(content: dict[str, Any]) -> list[str]:
     """A table of the share of each joint's error that no known effect explains; no table where there was no error."""
     rows: list[list[str | float | None]] = [
         [f"joint {one['joint']}", 100 * one["share"], one["noise"]] for one in content["remains"]
@@ -81,26 +85,28 @@ def _remains(content: dict[str, Any]) -> list[str]:
     if not rows:
         return []
     return [
-        table(
+        draw_table(
             "What remains",
             ["", "of the error before (%)", "in multiples of the noise"],
             rows,
-            caption=f"Of the channel of each joint that is explained best. From {100 * SHARE:.0f} % and "
-            f"{ABOVE:g} times the noise on, a verdict with named effects says that something unknown is at this joint, "
-            "too; that takes nothing from what is named.",
+            caption=(
+                f"Of the channel of each joint that is explained best. From {100 * NAMED_REMAINDER_SHARE:.0f} % and"
+                f" {SIGNIFICANT_NOISE_MULTIPLE:g} times the noise on, a verdict with named effects says that something"
+                " unknown is at this joint, too; that takes nothing from what is named."
+            ),
         )
     ]
 
 
-def _small(content: dict[str, Any]) -> list[str]:
+def _show_small_effects(content: dict[str, Any]) -> list[str]:
     """A table of effects that are present and close next to nothing of the gap; no table where there are none."""
     rows: list[list[str | float | None]] = [
-        [words(f"{one['effect']}@{one['joint']}"), one["without"], one["with"]] for one in content["small"]
+        [name_effect(f"{one['effect']}@{one['joint']}"), one["without"], one["with"]] for one in content["small"]
     ]
     if not rows:
         return []
     return [
-        table(
+        draw_table(
             "There, and small",
             ["effect", "gap without it", "gap with it"],
             rows,
@@ -110,18 +116,18 @@ def _small(content: dict[str, Any]) -> list[str]:
     ]
 
 
-def _tolerated(content: dict[str, Any]) -> list[str]:
+def _show_nuisance_effects(content: dict[str, Any]) -> list[str]:
     """A table of effects within tolerance that would close more of the gap; no table where there are none."""
     rows: list[list[str | float | None]] = []
     for one in content["tolerated"]:
         values = ", ".join(
             f"{name} {v['value']:.3g} {v['unit']}" for name, v in one["parameters"].items() if v["value"]
         )
-        rows.append([words(f"{one['effect']}@{one['joint']}"), values, 100 * one["size"], one["gap"]])
+        rows.append([name_effect(f"{one['effect']}@{one['joint']}"), values, 100 * one["size"], one["gap"]])
     if not rows:
         return []
     return [
-        table(
+        draw_table(
             "Within tolerance, and not named",
             ["effect", "as large as", "of its usual size (%)", "gap, were it in the model, too"],
             rows,

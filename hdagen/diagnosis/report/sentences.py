@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from hdagen.diagnosis.decision.separating_experiments import separate_by
-from hdagen.diagnosis.holdout.verdict_withdrawal import NOISE
-from hdagen.pages.quantity import number
+from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
+from hdagen.diagnosis.holdout.verdict_withdrawal import LEAST_EXPLAINABLE_GAP
+from hdagen.pages.quantity import format_number
 
-LIKELY = 0.01  # probability from which a candidate is spoken of
-SEPARATED = 4  # candidates that a motion is designed for, where none is named
-NEAREST = 6  # alternatives of an effect that are named
-MORE = 0.75  # of the gap that is left, below which an effect within tolerance must bring it to be spoken of
-FINE = 1000.0  # multiples of the noise, from which the error is said in its unit, too
+LEAST_MENTIONED_PROBABILITY = 0.01  # probability from which a candidate is spoken of
+MOST_SEPARATED = 4  # candidates that a motion is designed for, where none is named
+MOST_NAMED_ALTERNATIVES = 6  # alternatives of an effect that are named
+NOTABLE_GAP_SHARE = (
+    0.75  # of the gap that is left, below which an effect within tolerance must bring it to be spoken of
+)
+GAP_SAID_IN_UNITS = 1000.0  # multiples of the noise, from which the error is said in its unit, too
 
 
-def sentence(content: dict[str, Any]) -> str:
+def write_verdict(content: dict[str, Any]) -> str:
     """Write the verdict as sentences: its effects, how sure it is, the gap, and remarks.
 
     Args:
@@ -27,10 +29,10 @@ def sentence(content: dict[str, Any]) -> str:
 
     """
     gap = content["gap"]
-    text = f"{_say_verdict(content)}. {_say_gap(content)}{_beside(gap)}."
+    text = f"{_say_verdict(content)}. {_say_gap(content)}{_compare_with_best(gap)}."
     if content["contradicted"]:
         text += f" {say_contradiction(content['contradicted'])}"
-    for remark in (_remains, _moments, _ends, _more, _contradictions, _still):
+    for remark in (_say_remainder, _say_moments, _say_bounds, _say_nuisance_effect, _say_repairs, _say_unmoved_joints):
         text += remark(content)
     return text
 
@@ -40,11 +42,11 @@ def _say_verdict(content: dict[str, Any]) -> str:
     verdict = content["verdict"]
     named = [entry for entry in verdict if not entry.startswith("unknown@")]
     if not verdict:
-        said = _nothing(content)
+        said = _say_no_effect(content)
     elif not named:
-        said = f"{_joints(verdict)} something that no known effect explains{_though(content['doubted'])}"
+        said = f"{_say_joints(verdict)} something that no known effect explains{_say_doubt(content['doubted'])}"
     else:
-        each, verb = _each(named), _agree_in_number(named, "is", "are")
+        each, verb = _join_effects(named), _agree_in_number(named, "is", "are")
         said = f"{each[0].upper()}{each[1:]} {verb} missing in the model{_say_probability(content, named)}"
     if not content["sure"] and not content["contradicted"]:
         said += "; this is not sure"
@@ -57,7 +59,7 @@ def _say_probability(content: dict[str, Any], named: Sequence[str]) -> str:
     p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) in sets), None)
     if p is None:
         return ""
-    return f" (probability {p:.2f}{calibrated(content)})"
+    return f" (probability {p:.2f}{note_calibration(content)})"
 
 
 def _say_gap(content: dict[str, Any]) -> str:
@@ -66,9 +68,9 @@ def _say_gap(content: dict[str, Any]) -> str:
     said = "On held-out motion the gap goes"
     if content["parameters"] and not content["verdict"]:
         said = "Base parameters within their tolerance take the gap on held-out motion"
-    said += f" from {_times(gap['before'])} to {_times(gap['after'])} times the noise"
-    if gap["before"] >= FINE:
-        said += _worst(gap)
+    said += f" from {_format_multiple(gap['before'])} to {_format_multiple(gap['after'])} times the noise"
+    if gap["before"] >= GAP_SAID_IN_UNITS:
+        said += _say_worst_channel(gap)
     if gap["shrink"] is None:
         return said
     spread = ""
@@ -97,7 +99,7 @@ def say_contradiction(contradicted: dict[str, Any]) -> str:
     """
     named = ""
     if contradicted["verdict"]:
-        named = f"{_each(contradicted['verdict'])} and "
+        named = f"{_join_effects(contradicted['verdict'])} and "
     return (
         f"What the log alone says ({named}base parameters within their tolerance) closes "
         f"{100 * contradicted['closed']:.0f} % of its own gap and leaves {100 * contradicted['left']:.0f} % of the "
@@ -107,7 +109,7 @@ def say_contradiction(contradicted: dict[str, Any]) -> str:
     )
 
 
-def _moments(content: dict[str, Any]) -> str:
+def _say_moments(content: dict[str, Any]) -> str:
     """Where nearly all that is left acts once, and a log that would show it."""
     each = "; ".join(
         f"joint {one['joint']}, {one['span'][0]:.4g} to {one['span'][1]:.4g} s of {one['log']}"
@@ -121,7 +123,7 @@ def _moments(content: dict[str, Any]) -> str:
     )
 
 
-def _still(content: dict[str, Any]) -> str:
+def _say_unmoved_joints(content: dict[str, Any]) -> str:
     """The joints that no log moves, and the motion that would."""
     still = content.get("data", {}).get("still", ())
     if not still:
@@ -133,13 +135,13 @@ def _still(content: dict[str, Any]) -> str:
     )
 
 
-def _joints(entries: Sequence[str]) -> str:
+def _say_joints(entries: Sequence[str]) -> str:
     """The joints of entries name@joint that miss something."""
     numbers = [entry.partition("@")[2] for entry in entries]
     return _agree_in_number(numbers, f"Joint {numbers[0]} misses", f"Joints {', '.join(numbers)} miss")
 
 
-def _remains(content: dict[str, Any]) -> str:
+def _say_remainder(content: dict[str, Any]) -> str:
     """The errors beside the named effects that no known effect explains."""
     beside = {int(entry.partition("@")[2]) for entry in content["verdict"] if entry.startswith("unknown@")}
     if len(beside) == len(content["verdict"]):  # the verdict names no effect
@@ -151,27 +153,27 @@ def _remains(content: dict[str, Any]) -> str:
     return f" What no known effect explains remains beside it: {shares}."
 
 
-def _contradictions(content: dict[str, Any]) -> str:
+def _say_repairs(content: dict[str, Any]) -> str:
     """Channels that were left out or scaled, as they contradict another."""
     repaired = content.get("data", {}).get("repaired", ())
     return "".join(f" {one['what']}" for one in repaired if one["name"] == "contradicted")
 
 
-def _times(multiples: float) -> str:
+def _format_multiple(multiples: float) -> str:
     """A multiple of the noise with three digits."""
-    return number(float(f"{multiples:.3g}"), 3)
+    return format_number(float(f"{multiples:.3g}"), 3)
 
 
-def _more(content: dict[str, Any]) -> str:
+def _say_nuisance_effect(content: dict[str, Any]) -> str:
     """An effect within tolerance that would close much of the rest of the gap."""
-    closer = [one for one in content["tolerated"] if one["gap"] < MORE * content["gap"]["after"]]
+    closer = [one for one in content["tolerated"] if one["gap"] < NOTABLE_GAP_SHARE * content["gap"]["after"]]
     if not closer:
         return ""
-    what = words(f"{closer[0]['effect']}@{closer[0]['joint']}")
-    return f" Within what is tolerated, {what} would bring it to {_times(closer[0]['gap'])}."
+    what = name_effect(f"{closer[0]['effect']}@{closer[0]['joint']}")
+    return f" Within what is tolerated, {what} would bring it to {_format_multiple(closer[0]['gap'])}."
 
 
-def _ends(content: dict[str, Any]) -> str:
+def _say_bounds(content: dict[str, Any]) -> str:
     """Parameters of the verdict's effects that stand at an end of their range."""
     at = []
     for cause in content["causes"]:
@@ -180,20 +182,22 @@ def _ends(content: dict[str, Any]) -> str:
             continue
         for name, q in cause["parameters"].items():
             if q["end"]:
-                at.append(f"{name.replace('_', ' ')} of {words(entry)}, {number(q['value'], 3)}{_unit(q)}")
+                at.append(
+                    f"{name.replace('_', ' ')} of {name_effect(entry)}, {format_number(q['value'], 3)}{_format_unit(q)}"
+                )
     if not at:
         return ""
     return f" At the end of what it may be: {'; '.join(at)}. There may be more of it, or another effect."
 
 
-def _unit(q: dict[str, Any]) -> str:
+def _format_unit(q: dict[str, Any]) -> str:
     """The unit of a parameter after its value; "" where it has none."""
     if q["unit"] == "1":
         return ""
     return f" {q['unit']}"
 
 
-def _nothing(content: dict[str, Any]) -> str:
+def _say_no_effect(content: dict[str, Any]) -> str:
     """The reason why no effect is named: none is likely, none is sure enough, or there is no gap to explain."""
     first = content["hypotheses"][0]
     if content["contradicted"]:
@@ -201,31 +205,31 @@ def _nothing(content: dict[str, Any]) -> str:
     if content["as_good_as_it_gets"]:
         return "The model is as good as it gets here: nothing that was fitted closes much of the gap"
     if not first["effects"]:
-        p = f"{first['probability']:.2f}{calibrated(content)}"
+        p = f"{first['probability']:.2f}{note_calibration(content)}"
         return f"No effect above the size that counts was found (probability {p})"
-    each, p = _each(first["effects"]), first["probability"]
-    if content["gap"]["before"] < NOISE:
+    each, p = _join_effects(first["effects"]), first["probability"]
+    if content["gap"]["before"] < LEAST_EXPLAINABLE_GAP:
         return f"There is no gap to explain, although the log may have {each} ({p:.2f})"
     none = sum(h["probability"] for h in content["hypotheses"] if not h["effects"])
     return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
 
 
-def _each(entries: Sequence[str]) -> str:
+def _join_effects(entries: Sequence[str]) -> str:
     """Several effects in a row."""
-    return " and ".join(words(entry) for entry in entries)
+    return " and ".join(name_effect(entry) for entry in entries)
 
 
-def _though(doubted: dict[str, Any] | None) -> str:
+def _say_doubt(doubted: dict[str, Any] | None) -> str:
     """The verdict that held-out motion did not confirm."""
     if doubted is None:
         return ""
     left = f"{100 * doubted['left']:.0f} % of what this joint errs by on held-out motion"
     if not doubted["verdict"]:
         return f": the model that tells most of the log names none and leaves {left}"
-    return f": of what is known {_each(doubted['verdict'])} tells most of the log, but leaves {left}"
+    return f": of what is known {_join_effects(doubted['verdict'])} tells most of the log, but leaves {left}"
 
 
-def _beside(gap: dict[str, Any]) -> str:
+def _compare_with_best(gap: dict[str, Any]) -> str:
     """The verdict beside the best of all that was fitted."""
     before, after, least = gap["before"], gap["after"], gap["achievable"]
     if least >= before:
@@ -234,17 +238,17 @@ def _beside(gap: dict[str, Any]) -> str:
         return "; nothing else that was fitted, a flexible correction without structure included, closes more"
     best = "the best of all that was fitted, a flexible correction without structure included"
     share = 100 * (before - after) / (before - least)
-    return f"; {best}, brings it to {_times(least)}; the verdict closes {share:.0f} % of what that does"
+    return f"; {best}, brings it to {_format_multiple(least)}; the verdict closes {share:.0f} % of what that does"
 
 
-def _worst(gap: dict[str, Any]) -> str:
+def _say_worst_channel(gap: dict[str, Any]) -> str:
     """The channel that errs most, in SI units, for a reader to whom multiples of a very small noise say little."""
     name, c = max(gap["by_channel"].items(), key=lambda item: item[1]["before"])
     before, after = (c[when] * c["noise"] for when in ("before", "after"))
     return f" ({name.replace('_', ' ')}: {before:.3g} to {after:.3g} in SI units, rms)"
 
 
-def words(entry: str) -> str:
+def name_effect(entry: str) -> str:
     """Name an effect as people say it, without the prefix "missing".
 
     Args:
@@ -261,7 +265,7 @@ def words(entry: str) -> str:
     return f"{name} on joint {joint}"
 
 
-def calibrated(content: dict[str, Any]) -> str:
+def note_calibration(content: dict[str, Any]) -> str:
     """Note after a probability that it is not calibrated.
 
     Args:
@@ -276,7 +280,7 @@ def calibrated(content: dict[str, Any]) -> str:
     return ", not calibrated"
 
 
-def confounded(content: dict[str, Any]) -> str:
+def explain_confounding(content: dict[str, Any]) -> str:
     """Explain the alternatives that the log does not exclude, and the motions that would separate them.
 
     Args:
@@ -288,14 +292,14 @@ def confounded(content: dict[str, Any]) -> str:
     """
     causes = {f"{c['effect']}@{c['joint']}": c for c in content["causes"]}
     shown = causes.keys() - set(content["unseen"])  # the report says those for themselves
-    likely = [name for name, c in causes.items() if c["probability"] >= LIKELY and name in shown]
+    likely = [name for name, c in causes.items() if c["probability"] >= LEAST_MENTIONED_PROBABILITY and name in shown]
     named = [name for name in content["verdict"] if name in causes]
     if not named:
         if content["verdict"] and not likely:
             return "No known effect explains the log nearly as well as something unknown."
         if not likely:
             return "Of what this motion shows, nothing explains the log nearly as well as no effect."
-        each = ", ".join(f"{words(name)} ({causes[name]['probability']:.2f})" for name in likely)
+        each = ", ".join(f"{name_effect(name)} ({causes[name]['probability']:.2f})" for name in likely)
         may_be = "one that is small, or that shows little in this motion, may be there"
         if content["contradicted"]:
             may_be = "the log alone says"
@@ -303,22 +307,25 @@ def confounded(content: dict[str, Any]) -> str:
         if len(likely) == 1:
             return text
         return (
-            f"{text}\n\nWhat would tell {words(likely[0])} from the others: {separate_by(likely[0], likely[1:])}\n\n"
-            f"    hdagen excite robot.toml --separate {','.join(likely[:SEPARATED])}\n\ndesigns a motion that does."
+            f"{text}\n\nWhat would tell {name_effect(likely[0])} from the others:"
+            f" {suggest_experiments(likely[0], likely[1:])}\n\n    hdagen excite robot.toml --separate"
+            f" {','.join(likely[:MOST_SEPARATED])}\n\ndesigns a motion that does."
         )
-    said = [_alike(name, causes[name]["confounded_with"]) for name in named if causes[name]["confounded_with"]]
+    said = [
+        _say_alternatives(name, causes[name]["confounded_with"]) for name in named if causes[name]["confounded_with"]
+    ]
     if not said:
         return "Nothing else explains this log nearly as well: no pair is confounded."
     return "What this log cannot tell apart, and the motion that would:\n\n" + "\n\n".join(said)
 
 
-def _alike(name: str, others: Sequence[str]) -> str:
+def _say_alternatives(name: str, others: Sequence[str]) -> str:
     """The alternatives of an effect of the verdict, the nearest first, and the motions that would separate them.
 
     Of many alternatives only the nearest are named: such a motion says little of the effect.
     """
-    few, more = others[:NEAREST], len(others) - NEAREST
-    said = f"{words(name)[0].upper()}{words(name)[1:]} may also be {', '.join(words(o) for o in few)}"
+    few, more = others[:MOST_NAMED_ALTERNATIVES], len(others) - MOST_NAMED_ALTERNATIVES
+    said = f"{name_effect(name)[0].upper()}{name_effect(name)[1:]} may also be {', '.join(name_effect(o) for o in few)}"
     if more > 0:
         said += f", or one of {more} others (diagnosis.json has them): this motion tells little of it"
-    return f"{said}. {separate_by(name, few)}"
+    return f"{said}. {suggest_experiments(name, few)}"

@@ -16,26 +16,26 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import torque_per_input
+from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.control.guarded_controller import Controller, Guard, Safe
-from hdagen.control.reference_motion import Reference, smooth_step
+from hdagen.control.reference_motion import Reference, compute_smooth_step
 from hdagen.log.measured_log import Log
-from hdagen.prediction.measurement_model import joint_angles
-from hdagen.simulation.simulator import Simulation, World, run
+from hdagen.prediction.measurement_model import read_joint_angles
+from hdagen.simulation.simulator import EnvironmentForce, Simulation, run
 
-LAW = "impedance_joint"
-DAMPING = 0.02  # N m s/rad at each motor, once the guard has stopped the arm
-FULL = 0.005  # s, in which a motor reaches its full torque
-RANGE = 0.2, 0.8  # quantiles of the log's angles: ends of the swing
-SHORTEST = 1.0  # s, shortest swing there and back
-SWINGS = 2  # swings there and back
-PRESSED = 0.01  # m, depth of the reference behind the wall
-WALL = 1e4  # N/m: steel table, rubber tip
-RISE, HOLD = 0.5, 1.0  # s of the way into the wall, and at its end
+CONTROL_LAW = "impedance_joint"
+SAFE_DAMPING = 0.02  # N m s/rad at each motor, once the guard has stopped the arm
+FULL_TORQUE_TIME = 0.005  # s, in which a motor reaches its full torque
+SWING_QUANTILES = 0.2, 0.8  # quantiles of the log's angles: ends of the swing
+SHORTEST_SWING = 1.0  # s, shortest swing there and back
+SWING_COUNT = 2  # swings there and back
+PRESS_DEPTH = 0.01  # m, depth of the reference behind the wall
+WALL_STIFFNESS = 1e4  # N/m: steel table, rubber tip
+RISE_TIME, HOLD_TIME = 0.5, 1.0  # s of the way into the wall, and at its end
 
 
 @dataclass(frozen=True)
-class Controlled:
+class ControllerImpact:
     """Results with a controller that knows the robot file, and with one that knows the verdict: rms distance of the tip
     from its reference, m, and largest force at the wall, N."""
 
@@ -46,10 +46,12 @@ class Controlled:
     def content(self) -> dict[str, Any]:
         """The results as diagnosis.json has them."""
         pairs = {"tracking": self.tracking, "contact_force": self.force}
-        return {"law": LAW} | {name: dict(zip(("before", "after"), pair, strict=True)) for name, pair in pairs.items()}
+        return {"law": CONTROL_LAW} | {
+            name: dict(zip(("before", "after"), pair, strict=True)) for name, pair in pairs.items()
+        }
 
 
-def controlled(plain: Arm, machine: Arm, log: Log) -> Controlled:
+def compare_controllers(plain: Arm, machine: Arm, log: Log) -> ControllerImpact:
     """Compare two controllers on a simulated machine.
 
     Args:
@@ -64,27 +66,29 @@ def controlled(plain: Arm, machine: Arm, log: Log) -> Controlled:
         PlantError: no controller can drive the arm, as without a limit of its torque.
 
     """
-    low, high, fastest = _motion(plain, log)
-    most = np.array([slot["bound"] for slot in plain.manifest["input"][: plain.n]]) * torque_per_input(plain)
+    low, high, fastest = _measure_motion(plain, log)
+    most = np.array([slot["bound"] for slot in plain.manifest["input"][: plain.n]]) * compute_torque_per_input(plain)
     guard = Guard(
         Safe.DAMPING,
         torque_limit=tuple(most.tolist()),
-        torque_rate=tuple((most / FULL).tolist()),
-        safe_damping=(DAMPING,) * plain.n,
+        torque_rate=tuple((most / FULL_TORQUE_TIME).tolist()),
+        safe_damping=(SAFE_DAMPING,) * plain.n,
     )
     tracking, force = [], []
     for model in (plain, machine):
-        controller = Controller(model, LAW, guard)
+        controller = Controller(model, CONTROL_LAW, guard)
         period = controller.guard.period
-        swing = _swing(low, high, fastest, period)
-        away = _run(machine, controller, swing).tip - _tips(machine, swing.position)
+        swing = _make_swing(low, high, fastest, period)
+        away = _run_controller(machine, controller, swing).tip - _tip_positions(machine, swing.position)
         tracking.append(float(np.sqrt(np.mean(np.sum(away**2, 1)))))
-        pressed = _run(machine, controller, *_into_wall(machine, 0.5 * (low + high), period))
+        pressed = _run_controller(machine, controller, *_lead_into_wall(machine, 0.5 * (low + high), period))
         force.append(float(np.linalg.norm(pressed.push, axis=1).max()))
-    return Controlled((tracking[0], tracking[1]), (force[0], force[1]))
+    return ControllerImpact((tracking[0], tracking[1]), (force[0], force[1]))
 
 
-def _run(machine: Arm, controller: Controller, reference: Reference, world: World | None = None) -> Simulation:
+def _run_controller(
+    machine: Arm, controller: Controller, reference: Reference, world: EnvironmentForce | None = None
+) -> Simulation:
     """Simulate a controller on the machine; a refusal is a PlantError."""
     found = run(machine, controller, reference, start=reference.position[0], world=world)
     refused = found.status[found.status < 0]
@@ -93,48 +97,48 @@ def _run(machine: Arm, controller: Controller, reference: Reference, world: Worl
     return found
 
 
-def _tips(arm: Arm, q: Array) -> Array:
+def _tip_positions(arm: Arm, q: Array) -> Array:
     """Return the tip's position (T, 2), m, at angles (T, n)."""
     return np.asarray(arm.evaluate("points", q=q)["points"][:, -2:])
 
 
-def _motion(arm: Arm, log: Log) -> tuple[Array, Array, Array]:
+def _measure_motion(arm: Arm, log: Log) -> tuple[Array, Array, Array]:
     """Return the ends of a swing (n each) and the joints' largest speeds (n) in the log."""
-    angles = joint_angles(arm, log)
+    angles = read_joint_angles(arm, log)
     rows = max(1, round(0.02 / log.period))  # noise does not count as speed
     speed = np.abs(angles[rows:] - angles[:-rows]) / (log.time[rows:] - log.time[:-rows])[:, None]
-    low, high = np.quantile(angles, RANGE, axis=0)
+    low, high = np.quantile(angles, SWING_QUANTILES, axis=0)
     return low, high, np.asarray(np.quantile(speed, 0.99, axis=0))
 
 
-def _swing(low: Array, high: Array, fastest: Array, period: float) -> Reference:
+def _make_swing(low: Array, high: Array, fastest: Array, period: float) -> Reference:
     """Make a reference from ``low`` to ``high`` and back, no faster than the log."""
     span = high - low
-    once = max(SHORTEST, float(np.max(np.pi * span / np.maximum(fastest, 1e-9), initial=0.0)))
-    time, turn = np.arange(0.0, SWINGS * once, period), 2 * np.pi / once
+    once = max(SHORTEST_SWING, float(np.max(np.pi * span / np.maximum(fastest, 1e-9), initial=0.0)))
+    time, turn = np.arange(0.0, SWING_COUNT * once, period), 2 * np.pi / once
     share = 0.5 - 0.5 * np.cos(turn * time)
     rate, bend = 0.5 * turn * np.sin(turn * time), 0.5 * turn**2 * np.cos(turn * time)
     return Reference("joint", period, low + np.outer(share, span), np.outer(rate, span), np.outer(bend, span))
 
 
-def _into_wall(arm: Arm, q: Array, period: float) -> tuple[Reference, World]:
+def _lead_into_wall(arm: Arm, q: Array, period: float) -> tuple[Reference, EnvironmentForce]:
     """Make a reference by which joint 1 leads the tip from ``q`` into a wall that begins there, and that wall."""
     nudge = np.zeros(arm.n)
     nudge[0] = 1e-6
-    face = _tips(arm, np.stack([q, q + nudge]))
+    face = _tip_positions(arm, np.stack([q, q + nudge]))
     way = (face[1] - face[0]) / 1e-6  # of the tip, for joint 1
     reach = float(np.linalg.norm(way))
-    if reach < 10 * PRESSED:
+    if reach < 10 * PRESS_DEPTH:
         raise PlantError("joint 1 hardly moves the tip where the log's motion has its middle.")
     ahead = way / reach
-    time = np.arange(0.0, RISE + HOLD, period)
-    share, rate, bend = smooth_step(time / RISE)
-    rate, bend = rate / RISE, bend / RISE**2
+    time = np.arange(0.0, RISE_TIME + HOLD_TIME, period)
+    share, rate, bend = compute_smooth_step(time / RISE_TIME)
+    rate, bend = rate / RISE_TIME, bend / RISE_TIME**2
     step = np.zeros(arm.n)
-    step[0] = PRESSED / reach
+    step[0] = PRESS_DEPTH / reach
 
     def wall(tip: Array, velocity: Array) -> Array:
-        return np.asarray(-WALL * max(float((tip - face[0]) @ ahead), 0.0) * ahead)
+        return np.asarray(-WALL_STIFFNESS * max(float((tip - face[0]) @ ahead), 0.0) * ahead)
 
     rows = [np.outer(of, step) for of in (share, rate, bend)]
     return Reference("joint", period, q + rows[0], rows[1], rows[2]), wall

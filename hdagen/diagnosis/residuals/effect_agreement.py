@@ -8,9 +8,9 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 
-BLOCKS = 8  # of a motion, whose slopes give the standard error of the slope of all
-SURELY = 2.0  # standard errors
-APART = 2.0  # ratio of slopes, from which a picture contradicts the effect that it shows
+SLOPE_BLOCKS = 8  # of a motion, whose slopes give the standard error of the slope of all
+SURE_STANDARD_ERRORS = 2.0  # standard errors
+CONTRADICTING_RATIO = 2.0  # ratio of slopes, from which a picture contradicts the effect that it shows
 
 
 @dataclass(frozen=True)
@@ -19,20 +19,20 @@ class Agreement:
 
     ``explained`` is R², the share of the square of the residual that the effect takes away, below 0 where it adds to
     it. ``slope`` is the residual over the effect's part in the model, 1 where they are alike, with its standard
-    ``error``; both are NaN where the effect adds nothing.
+    ``slope_error``; both are NaN where the effect adds nothing.
     """
 
-    explained: float
+    explained_share: float
     slope: float
-    error: float
+    slope_error: float
 
     @property
-    def contradicted(self) -> bool:
+    def is_contradicted(self) -> bool:
         """Whether the log surely shows more than twice, or less than half, of what the effect adds."""
-        reach = SURELY * self.error
-        return self.slope - reach > APART or self.slope + reach < 1.0 / APART
+        reach = SURE_STANDARD_ERRORS * self.slope_error
+        return self.slope - reach > CONTRADICTING_RATIO or self.slope + reach < 1.0 / CONTRADICTING_RATIO
 
-    def words(self, beyond: str = "") -> str:
+    def describe(self, beyond: str = "") -> str:
         """Say the agreement in a caption.
 
         Args:
@@ -43,8 +43,8 @@ class Agreement:
 
         """
         shown = f"Of what the points show{beyond and f' beyond {beyond}'}"
-        said = f"{shown} the effect explains {100 * self.explained:.0f} % (R² = {self.explained:.2f})."
-        if not self.contradicted:
+        said = f"{shown} the effect explains {100 * self.explained_share:.0f} % (R² = {self.explained_share:.2f})."
+        if not self.is_contradicted:
             return said
         return (
             f"{said} Warning: the log shows {self.slope:.2g} times what the effect adds. As fitted it is not what "
@@ -52,7 +52,7 @@ class Agreement:
         )
 
 
-def agreement(shown: Array, added: Array) -> Agreement:
+def measure_agreement(shown: Array, added: Array) -> Agreement:
     """Compare the residual of a log without an effect with the part that the effect adds in the model.
 
     Args:
@@ -71,6 +71,6 @@ def agreement(shown: Array, added: Array) -> Agreement:
     if size == 0.0:
         return Agreement(explained, np.nan, np.nan)
     slope = float(added @ shown) / size
-    parts = zip(np.array_split(added, BLOCKS), np.array_split(shown - slope * added, BLOCKS), strict=True)
+    parts = zip(np.array_split(added, SLOPE_BLOCKS), np.array_split(shown - slope * added, SLOPE_BLOCKS), strict=True)
     off = np.array([part @ rest for part, rest in parts]) / size
-    return Agreement(explained, slope, float(np.sqrt(off @ off * BLOCKS / (BLOCKS - 1))))
+    return Agreement(explained, slope, float(np.sqrt(off @ off * SLOPE_BLOCKS / (SLOPE_BLOCKS - 1))))

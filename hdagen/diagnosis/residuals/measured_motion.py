@@ -12,15 +12,17 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.log.channel_statistics import Even, even
-from hdagen.log.column_map import commanded
+from hdagen.log.channel_statistics import UniformGrid, make_uniform_grid
+from hdagen.log.column_map import name_command_channel
 from hdagen.log.measured_log import Log
-from hdagen.prediction.measurement_model import Readings, complete, mechanical
+from hdagen.prediction.measurement_model import Readings, complete_state, count_mechanical_states
 from hdagen.prediction.window_replay import Replay
 
-NARROW = 0.007  # s, of the moving average before the velocity that friction depends on: it keeps reversals in place
-GAP = 3.5  # periods between rows that are no neighbours
-NEAR = 0.5  # of the filter's width: rows this close to a reversal mix friction of both signs
+VELOCITY_FILTER_WIDTH = (
+    0.007  # s, of the moving average before the velocity that friction depends on: it keeps reversals in place
+)
+NEIGHBOUR_GAP = 3.5  # periods between rows that are no neighbours
+REVERSAL_REACH = 0.5  # of the filter's width: rows this close to a reversal mix friction of both signs
 
 
 @dataclass(eq=False)
@@ -32,17 +34,17 @@ class MeasuredMotion:
     replays: tuple[Replay, ...]
 
     @cached_property
-    def grid(self) -> Even:
+    def grid(self) -> UniformGrid:
         """Even instants over the log."""
-        at = even(self.log.time)
-        return Even(at.time, at.time)
+        at = make_uniform_grid(self.log.time)
+        return UniformGrid(at.time, at.time)
 
     @property
     def time(self) -> Array:
         """The instants (K,), s."""
         return self.grid.time
 
-    def driven(self, joint: int) -> bool:
+    def has_measured_input(self, joint: int) -> bool:
         """Tell whether a joint's input is logged both as commanded and as measured.
 
         Args:
@@ -50,7 +52,7 @@ class MeasuredMotion:
 
         """
         name = self.arm.input_names[joint - 1]
-        return name in self.log and commanded(name) in self.log
+        return name in self.log and name_command_channel(name) in self.log
 
     def input_word(self, joint: int) -> str:
         """Name the input of a joint: current or torque.
@@ -73,12 +75,12 @@ class MeasuredMotion:
         return {"current": "A", "torque": "N m"}[self.input_word(joint)]
 
     @cached_property
-    def kept(self) -> np.ndarray:
+    def valid(self) -> np.ndarray:
         """Mask (K) of the valid instants. The filter knows too little at the log's ends and about its gaps."""
-        reach = 2 * self.grid.width + 2
+        reach = 2 * self.grid.window_rows + 2
         good = np.ones(len(self.time), bool)
         good[:reach] = good[-reach:] = False
-        for row in np.flatnonzero(np.diff(self.log.time) > GAP * self.grid.period):
+        for row in np.flatnonzero(np.diff(self.log.time) > NEIGHBOUR_GAP * self.grid.period):
             a, b = np.searchsorted(self.time, self.log.time[row : row + 2])
             good[max(a - reach, 0) : b + reach] = False
         return good
@@ -98,7 +100,7 @@ class MeasuredMotion:
         return np.asarray(np.interp(self.time, self.log.time, values))
 
     @cached_property
-    def split(self) -> bool:
+    def has_both_sides(self) -> bool:
         """Whether both sides of every gear are measured."""
         return all(
             j in self.arm.manifest["flexible"]
@@ -113,29 +115,29 @@ class MeasuredMotion:
         return np.array([self.arm.parameters.described[f"ratio_{j}"].nominal for j in range(1, self.n + 1)])
 
     @cached_property
-    def _read(self) -> Array:
+    def _read_states(self) -> Array:
         """States (K, nx) as the sensors read them: positions unfiltered, velocities smoothed a little."""
-        arm, readings = self.arm, Readings.of(self.arm, self.log)
+        arm, readings = self.arm, Readings.from_log(self.arm, self.log)
         x = np.zeros((len(self.time), arm.nx))
         known: set[int] = set()
-        width = max(3, round(NARROW / self.grid.period)) | 1
-        for k, place in enumerate(readings.places):
+        width = max(3, round(VELOCITY_FILTER_WIDTH / self.grid.period)) | 1
+        for k, place in enumerate(readings.state_indices):
             name = arm.state_names[place]
             if "position" not in name:
                 continue
             rate = arm.index(name.replace("position", "velocity"))
             x[:, place] = self.on_grid(readings.measured[:, k] / readings.factors[k])
             padded = np.pad(x[:, place], width // 2, mode="reflect", reflect_type="odd")
-            x[:, rate] = self.grid.rate(np.convolve(padded, np.full(width, 1.0 / width), "valid"))
+            x[:, rate] = self.grid.differentiate(np.convolve(padded, np.full(width, 1.0 / width), "valid"))
             known |= {place, rate}
-        m = mechanical(arm)
-        x[:, :m] = complete(arm, x, known)[:, :m]
+        m = count_mechanical_states(arm)
+        x[:, :m] = complete_state(arm, x, known)[:, :m]
         if self.replays:
             for k in range(m, arm.nx):
                 x[:, k] = self.on_grid(self.replays[1].states[:, k])
         return x
 
-    def column(self, quantity: str, j: int) -> Array:
+    def read_state(self, quantity: str, j: int) -> Array:
         """Return a state as the sensors read it (K).
 
         Args:
@@ -145,9 +147,9 @@ class MeasuredMotion:
         """
         name = f"{quantity}_{j}"
         if name in self.arm.state_names:
-            return self._read[:, self.arm.index(name)]
+            return self._read_states[:, self.arm.index(name)]
         other = name.replace("motor", "joint")  # the motor of a rigid drive
-        return self._read[:, self.arm.index(other)] * self.ratio[j - 1]
+        return self._read_states[:, self.arm.index(other)] * self.ratio[j - 1]
 
     def smooth(self, values: Array) -> Array:
         """Pass columns through the filter that every part of a torque balance passes.
@@ -166,19 +168,19 @@ class MeasuredMotion:
         """Measured accelerations of motors and joints (K, n each), rad/s²."""
         found = []
         for side in ("motor", "joint"):
-            angle = np.stack([self.column(f"{side}_position", j) for j in range(1, self.n + 1)], 1)
+            angle = np.stack([self.read_state(f"{side}_position", j) for j in range(1, self.n + 1)], 1)
             smooth = self.smooth(angle)
-            found.append(np.stack([self.grid.rate(self.grid.rate(column)) for column in smooth.T], 1))
+            found.append(np.stack([self.grid.differentiate(self.grid.differentiate(column)) for column in smooth.T], 1))
         return found[0], found[1]
 
     @cached_property
     def direction(self) -> Array:
         """Direction of each motor (K, n): −1, 1, or 0 at standstill."""
-        speed = np.stack([self.column("motor_velocity", j) for j in range(1, self.n + 1)], 1)
-        noise = np.array([_jitter(self.column("motor_position", j), self.grid) for j in range(1, self.n + 1)])
+        speed = np.stack([self.read_state("motor_velocity", j) for j in range(1, self.n + 1)], 1)
+        noise = np.array([_speed_noise(self.read_state("motor_position", j), self.grid) for j in range(1, self.n + 1)])
         return np.where(np.abs(speed) > 3.0 * noise, np.sign(speed), 0.0)
 
-    def slides(self, joint: int) -> np.ndarray:
+    def is_sliding(self, joint: int) -> np.ndarray:
         """Find the instants (K) in which a motor moves in one direction through most of the filter. About a reversal,
         friction of both signs mixes.
 
@@ -188,15 +190,15 @@ class MeasuredMotion:
         """
         direction = self.direction[:, joint - 1]
         good = direction != 0
-        for step in range(1, max(round(NEAR * self.grid.width), 1) + 1):
+        for step in range(1, max(round(REVERSAL_REACH * self.grid.window_rows), 1) + 1):
             good[step:] &= direction[step:] == direction[:-step]
             good[:-step] &= direction[:-step] == direction[step:]
         return good
 
 
-def _jitter(angle: Array, grid: Even) -> float:
+def _speed_noise(angle: Array, grid: UniformGrid) -> float:
     """Return the standard deviation of the speed that an angle's noise causes."""
-    width = max(3, round(NARROW / grid.period)) | 1
+    width = max(3, round(VELOCITY_FILTER_WIDTH / grid.period)) | 1
     steps = np.diff(angle, 3)
     if not len(steps):
         return 0.0

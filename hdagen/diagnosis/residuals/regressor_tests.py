@@ -19,30 +19,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
-from hdagen.data_quality.rank_check import ROWS
+from hdagen.data_quality.rank_check import LEAST_ROWS_PER_TERM
 
-BINS = 8  # of equally many samples each
-SHIFTS = 999  # equally spaced; the smallest significance of one regressor is 1 in 1000
-LEAST = 0.05  # significance level: a regime above it is not named
-SAMPLES = 6000  # samples that are tested, at most
-NEAR = 50  # a shift by less than this part of a series is small
-TURN = 2 * np.pi
-WAVES = 2  # regressors of an order: a sine and a cosine
+QUANTILE_BINS = 8  # of equally many samples each
+CIRCULAR_SHIFTS = 999  # equally spaced; the smallest significance of one regressor is 1 in 1000
+SIGNIFICANCE_LEVEL = 0.05  # significance level: a regime above it is not named
+MOST_TESTED_SAMPLES = 6000  # samples that are tested, at most
+SMALL_SHIFT_DIVISOR = 50  # a shift by less than this part of a series is small
+FULL_TURN = 2 * np.pi
+WAVES_OF_ORDER = 2  # regressors of an order: a sine and a cosine
 
 
 @dataclass(frozen=True)
 class Regressor:
-    """A series (K) with its ``name`` in a sentence and its ``unit``. ``size``: only its magnitude says where energy
-    lies, as for a speed."""
+    """A series (K) with its ``name`` in a sentence and its ``unit``. ``by_magnitude``: only its magnitude says where
+    energy lies, as for a speed."""
 
     name: str
     unit: str
     values: Array
-    size: bool = False
+    by_magnitude: bool = False
 
 
 @dataclass(frozen=True)
-class Explained:
+class VarianceShare:
     """The share of a variance (0 to 1) that the means of a regressor's bins explain, and the probability that chance
     explains as much with any of the regressors tried."""
 
@@ -52,20 +52,20 @@ class Explained:
 
 
 @dataclass(frozen=True)
-class Concentrated:
+class EnergyConcentration:
     """The ``share`` of an energy in an end bin of a regressor, which holds ``part`` of the time; ``edge``: bound of
-    that bin, which lies ``below`` it or above it; ``p``: probability that chance does as much with any of the
+    that bin, which lies ``is_below`` it or above it; ``p``: probability that chance does as much with any of the
     regressors tried."""
 
     regressor: Regressor
     share: float
-    part: float
+    time_share: float
     edge: float
-    below: bool
+    is_below: bool
     p: float
 
 
-def explained(quantity: Array, regressors: Sequence[Regressor]) -> list[Explained]:
+def explain_variance(quantity: Array, regressors: Sequence[Regressor]) -> list[VarianceShare]:
     """Explain a quantity by each regressor's bins.
 
     Source: Theiler et al., Physica D 58 (1992) 77.
@@ -78,22 +78,22 @@ def explained(quantity: Array, regressors: Sequence[Regressor]) -> list[Explaine
         The shares, the largest first; a constant regressor is left out.
 
     """
-    rows = _rows(len(quantity))
-    y = _about_mean(quantity[rows])
+    rows = _thin_samples(len(quantity))
+    y = _subtract_mean(quantity[rows])
     total, found = float(y @ y), []
     if not total > 0:
         return []
     for r in regressors:
-        labels, count = _bins(r.values[rows])
+        labels, count = _assign_bins(r.values[rows])
         if count >= 2:
-            sums = _sums(labels, count, y)
+            sums = _sum_bins(labels, count, y)
             shares = (sums**2 / np.bincount(labels)[:, None]).sum(0) / total
-            found.append(Explained(r, float(shares[0]), _chance(shares, len(regressors))))
+            found.append(VarianceShare(r, float(shares[0]), _shift_significance(shares, len(regressors))))
     return sorted(found, key=lambda e: -e.share)
 
 
 @dataclass(frozen=True)
-class Periodic:
+class PeriodicShare:
     """The share of a variance (0 to 1) that a sine and a cosine of ``order`` times an angle explain, and the
     probability that chance explains as much with any of the orders tried."""
 
@@ -102,7 +102,7 @@ class Periodic:
     p: float
 
 
-def periodic(quantity: Array, angle: Array, orders: Sequence[int]) -> list[Periodic]:
+def explain_by_orders(quantity: Array, angle: Array, orders: Sequence[int]) -> list[PeriodicShare]:
     """Explain a quantity by each order of an angle that runs through two cycles or more.
 
     Source: Theiler et al., Physica D 58 (1992) 77.
@@ -116,23 +116,25 @@ def periodic(quantity: Array, angle: Array, orders: Sequence[int]) -> list[Perio
         The shares, the largest first.
 
     """
-    rows = _rows(len(quantity))
-    y, theta = _about_mean(quantity[rows]), angle[rows]
+    rows = _thin_samples(len(quantity))
+    y, theta = _subtract_mean(quantity[rows]), angle[rows]
     total, found = float(y @ y), []
     if not total > 0:
         return []
     for k in orders:
-        if k * np.ptp(theta) < 2 * TURN or len(theta) < ROWS * (WAVES + 1):
+        if k * np.ptp(theta) < 2 * FULL_TURN or len(theta) < LEAST_ROWS_PER_TERM * (WAVES_OF_ORDER + 1):
             continue
         waves = np.stack([np.cos(k * theta), np.sin(k * theta)], 1)
         own = np.linalg.qr(waves - waves.mean(0))[0].T
-        shares = (_shifted(own, y) ** 2).sum(0) / total
-        others = shares[len(shares) // NEAR : -(len(shares) // NEAR) or None]  # a small shift is but another phase
-        found.append(Periodic(k, float(shares[0]), _chance(np.append(shares[0], others), len(orders))))
+        shares = (_sum_shifted(own, y) ** 2).sum(0) / total
+        others = shares[
+            len(shares) // SMALL_SHIFT_DIVISOR : -(len(shares) // SMALL_SHIFT_DIVISOR) or None
+        ]  # a small shift is but another phase
+        found.append(PeriodicShare(k, float(shares[0]), _shift_significance(np.append(shares[0], others), len(orders))))
     return sorted(found, key=lambda e: -e.share)
 
 
-def concentrated(energy: Array, regressors: Sequence[Regressor]) -> list[Concentrated]:
+def find_concentrations(energy: Array, regressors: Sequence[Regressor]) -> list[EnergyConcentration]:
     """Find the end bin of each regressor that holds most energy beyond its part of the time.
 
     Source: Theiler et al., Physica D 58 (1992) 77.
@@ -145,64 +147,64 @@ def concentrated(energy: Array, regressors: Sequence[Regressor]) -> list[Concent
         The concentrations, the strongest first; none where the total energy is not positive.
 
     """
-    rows = _rows(len(energy))
+    rows = _thin_samples(len(energy))
     y = energy[rows]
     total, found = float(y.sum()), []
     if not total > 0:
         return []
     for r in regressors:
         values = r.values[rows]
-        if r.size:
+        if r.by_magnitude:
             values = np.abs(values)
-        labels, count = _bins(values)
+        labels, count = _assign_bins(values)
         if count < 2:
             continue
         part = np.bincount(labels)[[0, -1]] / len(y)
-        beyond = _sums(labels, count, y)[[0, -1]] / total - part[:, None]
+        beyond = _sum_bins(labels, count, y)[[0, -1]] / total - part[:, None]
         end = int(np.argmax(beyond[:, 0]))
         edge = float(values[labels == 0].max())
         if end:
             edge = float(values[labels == count - 1].min())
-        share, chance = float(beyond[end, 0] + part[end]), _chance(beyond.max(0), len(regressors))
-        found.append(Concentrated(r, share, float(part[end]), edge, not end, chance))
-    return sorted(found, key=lambda c: c.part - c.share)
+        share, chance = float(beyond[end, 0] + part[end]), _shift_significance(beyond.max(0), len(regressors))
+        found.append(EnergyConcentration(r, share, float(part[end]), edge, not end, chance))
+    return sorted(found, key=lambda c: c.time_share - c.share)
 
 
-def _rows(count: int) -> np.ndarray:
+def _thin_samples(count: int) -> np.ndarray:
     """Choose the samples to test, of ``count``."""
-    return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(int))
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_TESTED_SAMPLES)).round().astype(int))
 
 
-def _about_mean(values: Array) -> Array:
+def _subtract_mean(values: Array) -> Array:
     """Subtract the mean from values (K); there may be none, as of a joint that never moves."""
     if not len(values):
         return values
     return values - values.mean()
 
 
-def _bins(values: Array) -> tuple[np.ndarray, int]:
+def _assign_bins(values: Array) -> tuple[np.ndarray, int]:
     """Assign each value to a bin by quantiles, and count the bins: fewer where values are few or repeat."""
-    most = min(BINS, max(len(values) // ROWS, 1))
+    most = min(QUANTILE_BINS, max(len(values) // LEAST_ROWS_PER_TERM, 1))
     edges = np.unique(np.quantile(values, np.linspace(0, 1, most + 1)[1:-1]))
     labels = np.searchsorted(edges, values, side="left")
     kinds, labels = np.unique(labels, return_inverse=True)
     return labels, len(kinds)
 
 
-def _sums(labels: np.ndarray, count: int, values: Array) -> Array:
-    """Sum ``values`` in each bin (count, S), as `_shifted` does."""
-    return _shifted(np.arange(count)[:, None] == labels, values)
+def _sum_bins(labels: np.ndarray, count: int, values: Array) -> Array:
+    """Sum ``values`` in each bin (count, S), as `_sum_shifted` does."""
+    return _sum_shifted(np.arange(count)[:, None] == labels, values)
 
 
-def _shifted(weights: Array | NDArray[np.bool_], values: Array) -> Array:
+def _sum_shifted(weights: Array | NDArray[np.bool_], values: Array) -> Array:
     """Sum ``values`` (K) by each of the ``weights`` (B, K), unshifted and then with up to SHIFTS circular shifts: (B,
     S)."""
-    steps = np.unique(np.linspace(0, len(values), SHIFTS + 2)[:-1].round().astype(int) % len(values))
+    steps = np.unique(np.linspace(0, len(values), CIRCULAR_SHIFTS + 2)[:-1].round().astype(int) % len(values))
     other = np.fft.rfft(values).conj()
     return np.asarray(np.fft.irfft(np.fft.rfft(weights) * other, len(values))[:, steps])
 
 
-def _chance(found: Array, tried: int) -> float:
+def _shift_significance(found: Array, tried: int) -> float:
     """Return the significance of the first of ``found`` among all, times how many were ``tried``."""
     reached = int(np.count_nonzero(found[1:] >= found[0]))
     return min(1.0, tried * (1 + reached) / len(found))

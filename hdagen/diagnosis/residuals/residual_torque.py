@@ -20,18 +20,18 @@ import numpy as np
 from hdagen.adoption import verdict
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import torque_per_input
+from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
 from hdagen.log.measured_log import Log
-from hdagen.prediction.driving_inputs import acted_on, driven_by
-from hdagen.prediction.measurement_model import Readings, unread
+from hdagen.prediction.driving_inputs import compute_effective_inputs, read_driving_inputs
+from hdagen.prediction.measurement_model import Readings, undo_sensor_effects
 from hdagen.prediction.window_replay import Replay
 
-SMALL = 1e-3  # of the largest torque of the links: step for the springs' slope
+TORSION_STEP_SHARE = 1e-3  # of the largest torque of the links: step for the springs' slope
 
 
 @dataclass(frozen=True, eq=False)
-class Missing:
+class TorqueResidual:
     """Torque at the motors (K, n) and at the links (K, n), N m, positive where it would accelerate the joint; ``link``
     is None where the log does not separate the two sides."""
 
@@ -40,7 +40,7 @@ class Missing:
 
 
 @dataclass(eq=False)
-class Sight(MeasuredMotion):
+class ResidualTorque(MeasuredMotion):
     """The torque balance of a log under the model before and after the verdict.
 
     ``arm`` has the verdict's effects; ``before`` and ``after`` are its parameters (np) by the robot file and by the
@@ -49,7 +49,7 @@ class Sight(MeasuredMotion):
 
     before: Array
     after: Array
-    own: Mapping[str, tuple[int, ...]]
+    parameter_indices: Mapping[str, tuple[int, ...]]
 
     def states(self, p: Array) -> Array:
         """Convert the readings into states.
@@ -61,7 +61,11 @@ class Sight(MeasuredMotion):
             States (K, nx).
 
         """
-        return unread(self.arm.at(p), self._read.copy(), Readings.of(self.arm, self.log).encoders())
+        return undo_sensor_effects(
+            self.arm.with_parameters(p),
+            self._read_states.copy(),
+            Readings.from_log(self.arm, self.log).joints_with_encoder(),
+        )
 
     def inputs(self, p: Array) -> Array:
         """Return the effective inputs about each instant: measured where they are logged, otherwise simulated from the
@@ -74,15 +78,15 @@ class Sight(MeasuredMotion):
             Inputs (K, nu).
 
         """
-        arm = self.arm.at(p)
-        given, _ = driven_by(arm, self.log, "measured")
-        acting, _ = acted_on(arm, self.log, given, "measured")
+        arm = self.arm.with_parameters(p)
+        given, _ = read_driving_inputs(arm, self.log, "measured")
+        acting, _ = compute_effective_inputs(arm, self.log, given, "measured")
         acting = acting.copy()
         n = self.n
         acting[1:, :n] = (acting[1:, :n] + acting[:-1, :n]) / 2
         return np.stack([self.on_grid(column) for column in acting.T], 1)
 
-    def commanded(self, p: Array) -> tuple[Array, Array]:
+    def simulate_inputs(self, p: Array) -> tuple[Array, Array]:
         """Simulate the inputs from the commands, row by row.
 
         Args:
@@ -92,8 +96,8 @@ class Sight(MeasuredMotion):
             Effective inputs, and the readings of them (T, nu each).
 
         """
-        arm = self.arm.at(p)
-        return acted_on(arm, self.log, driven_by(arm, self.log, "command")[0], "command")
+        arm = self.arm.with_parameters(p)
+        return compute_effective_inputs(arm, self.log, read_driving_inputs(arm, self.log, "command")[0], "command")
 
     def sensed_torque(self, p: Array) -> Array:
         """Simulate the readings of the joints' torque sensors.
@@ -105,9 +109,9 @@ class Sight(MeasuredMotion):
             Readings (K, n), N m, smoothed.
 
         """
-        return self.smooth(self.arm.at(p).outputs(self.states(p), self.inputs(p))["joint_torque"])
+        return self.smooth(self.arm.with_parameters(p).outputs(self.states(p), self.inputs(p))["joint_torque"])
 
-    def rates(self, p: Array, x: Array) -> tuple[Array, Array]:
+    def model_accelerations(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Compute the model's accelerations, unfiltered.
 
         Args:
@@ -118,7 +122,7 @@ class Sight(MeasuredMotion):
             Of motors (0 in rigid drives) and of joints (K, n each), rad/s².
 
         """
-        rate = self.arm.at(p).evaluate("rhs_exact", x=x, u=self.inputs(p), sliding=self.direction)["rate"]
+        rate = self.arm.with_parameters(p).evaluate("rhs_exact", x=x, u=self.inputs(p), sliding=self.direction)["rate"]
         motor, joint = np.zeros((len(x), self.n)), np.zeros((len(x), self.n))
         for j in range(1, self.n + 1):
             joint[:, j - 1] = rate[:, self.arm.index(f"joint_velocity_{j}")]
@@ -126,7 +130,7 @@ class Sight(MeasuredMotion):
                 motor[:, j - 1] = rate[:, self.arm.index(f"motor_velocity_{j}")]
         return motor, joint
 
-    def missing(self, p: Array) -> Missing:
+    def residual(self, p: Array) -> TorqueResidual:
         """Compute the residual torque of a model.
 
         Args:
@@ -136,37 +140,39 @@ class Sight(MeasuredMotion):
             Torque at motors and links.
 
         """
-        if self.split:
-            return self._parted(p)
-        return Missing(self._whole(p), None)
+        if self.has_both_sides:
+            return self._two_sided_residual(p)
+        return TorqueResidual(self._whole_joint_residual(p), None)
 
-    def _parted(self, p: Array) -> Missing:
+    def _two_sided_residual(self, p: Array) -> TorqueResidual:
         """Compute the residual torque of both sides of the gears."""
         x = self.states(p)
-        motor, joint = self.rates(p, x)
+        motor, joint = self.model_accelerations(p, x)
         motor, joint = self.acceleration[0] - self.smooth(motor), self.acceleration[1] - self.smooth(joint)
-        return Missing(motor * self.inertia(p), self.weighed(p, x, joint))
+        return TorqueResidual(motor * self.motor_inertia(p), self.link_torque_of(p, x, joint))
 
-    def _whole(self, p: Array) -> Array:
+    def _whole_joint_residual(self, p: Array) -> Array:
         """Compute the residual torque of whole joints, at the motor."""
-        given = self.inputs(p)[:, : self.n] * torque_per_input(self.arm.at(p))
-        found = self.smooth(self._asked(p)["motor_torque"] - given)
+        given = self.inputs(p)[:, : self.n] * compute_torque_per_input(self.arm.with_parameters(p))
+        found = self.smooth(self._inverse_dynamics(p)["motor_torque"] - given)
         return np.where(self.direction == 0, 0.0, found)  # friction that holds a joint at rest is unknown
 
-    def _asked(self, p: Array) -> dict[str, Array]:
+    def _inverse_dynamics(self, p: Array) -> dict[str, Array]:
         """Compute the inverse dynamics of the measured motion under parameters ``p``, unfiltered."""
-        q, v = self._joints(self.states(p))
+        q, v = self._joint_motion(self.states(p))
         force = self.inputs(p)[:, self.n :]
-        return self.arm.at(p).evaluate("inverse_dynamics", q=q, v=v, a=self.acceleration[1], tip_force=force)
+        return self.arm.with_parameters(p).evaluate(
+            "inverse_dynamics", q=q, v=v, a=self.acceleration[1], tip_force=force
+        )
 
-    def _joints(self, x: Array) -> tuple[Array, Array]:
+    def _joint_motion(self, x: Array) -> tuple[Array, Array]:
         """Return positions and velocities of the joints (K, n each) in states ``x`` (K, nx)."""
         joints = range(1, self.n + 1)
         angles = [self.arm.index(f"joint_position_{j}") for j in joints]
         speeds = [self.arm.index(f"joint_velocity_{j}") for j in joints]
         return x[:, angles], x[:, speeds]
 
-    def inertia(self, p: Array) -> Array:
+    def motor_inertia(self, p: Array) -> Array:
         """Return the inertias of the motors (n), kg m².
 
         Args:
@@ -176,7 +182,7 @@ class Sight(MeasuredMotion):
         names = list(self.arm.parameters.described)
         return np.array([p[names.index(f"motor_inertia_{j}")] for j in range(1, self.n + 1)])
 
-    def weighed(self, p: Array, x: Array, acceleration: Array) -> Array:
+    def link_torque_of(self, p: Array, x: Array, acceleration: Array) -> Array:
         """Compute the torque that accelerates the links.
 
         Args:
@@ -188,10 +194,14 @@ class Sight(MeasuredMotion):
             Torque at the links (K, n), N m.
 
         """
-        mass = self.arm.at(p).evaluate("mass_matrix", q=self._joints(x)[0])["M"].reshape(len(x), self.n, self.n)
+        mass = (
+            self.arm.with_parameters(p)
+            .evaluate("mass_matrix", q=self._joint_motion(x)[0])["M"]
+            .reshape(len(x), self.n, self.n)
+        )
         return np.asarray(np.einsum("kij,kj->ki", mass, acceleration))
 
-    def added(self, p: Array, less: Array) -> Missing:
+    def effect_torque(self, p: Array, less: Array) -> TorqueResidual:
         """Compute the torque that a change of parameters adds in the states of ``p``, filtered as the residual.
 
         Args:
@@ -203,14 +213,14 @@ class Sight(MeasuredMotion):
 
         """
         x = self.states(p)
-        (motor, joint), (motor_less, joint_less) = self.rates(p, x), self.rates(less, x)
-        at_motor = self.smooth(motor - motor_less) * self.inertia(p)
-        at_link = self.weighed(p, x, self.smooth(joint - joint_less))
-        if self.split:
-            return Missing(at_motor, at_link)
-        return Missing(at_motor + at_link / self.ratio, None)
+        (motor, joint), (motor_less, joint_less) = self.model_accelerations(p, x), self.model_accelerations(less, x)
+        at_motor = self.smooth(motor - motor_less) * self.motor_inertia(p)
+        at_link = self.link_torque_of(p, x, self.smooth(joint - joint_less))
+        if self.has_both_sides:
+            return TorqueResidual(at_motor, at_link)
+        return TorqueResidual(at_motor + at_link / self.ratio, None)
 
-    def without(self, entry: str) -> Array:
+    def parameters_without(self, entry: str) -> Array:
         """Return the parameters (np) after the verdict, with one effect as the robot file has it.
 
         Args:
@@ -218,7 +228,7 @@ class Sight(MeasuredMotion):
 
         """
         p = self.after.copy()
-        for place in self.own.get(entry, ()):
+        for place in self.parameter_indices.get(entry, ()):
             p[place] = self.before[place]
         return p
 
@@ -232,9 +242,9 @@ class Sight(MeasuredMotion):
             Torque (K, n), N m, smoothed.
 
         """
-        return self.smooth(self._asked(p)["joint_torque"])
+        return self.smooth(self._inverse_dynamics(p)["joint_torque"])
 
-    def slope(self, p: Array) -> Array:
+    def spring_stiffness(self, p: Array) -> Array:
         """Compute the stiffness of the springs under that torque.
 
         Args:
@@ -245,12 +255,12 @@ class Sight(MeasuredMotion):
 
         """
         torque = self.link_torque(p)
-        h = SMALL * max(float(np.abs(torque).max()), 1.0)
-        arm = self.arm.at(p)
+        h = TORSION_STEP_SHARE * max(float(np.abs(torque).max()), 1.0)
+        arm = self.arm.with_parameters(p)
         ends = [arm.evaluate("torsion", joint_torque=torque + side * h)["torsion"] for side in (1.0, -1.0)]
         return np.asarray(2 * h / np.maximum(ends[0] - ends[1], 1e-12))
 
-    def read_error(self, p: Array, less: Array) -> Array:
+    def encoder_error(self, p: Array, less: Array) -> Array:
         """Compute the change of the joint encoders' readings by a change of parameters.
 
         Args:
@@ -261,15 +271,17 @@ class Sight(MeasuredMotion):
             Angles (K, n), rad, smoothed.
 
         """
-        q, v = self._joints(self.states(p))
+        q, v = self._joint_motion(self.states(p))
         read = [
-            self.arm.at(one).evaluate("encoders", q=q, v=v, a=self.acceleration[1])["joint_position"]
+            self.arm.with_parameters(one).evaluate("encoders", q=q, v=v, a=self.acceleration[1])["joint_position"]
             for one in (p, less)
         ]
         return self.smooth(read[0] - read[1])
 
 
-def look(arm: Arm, content: Mapping[str, Any], log: Log, before: Replay, after: Replay) -> Sight:
+def see_residual_torque(
+    arm: Arm, content: Mapping[str, Any], log: Log, before: Replay, after: Replay
+) -> ResidualTorque:
     """Compare a log with the model before and after a verdict.
 
     Args:
@@ -286,9 +298,9 @@ def look(arm: Arm, content: Mapping[str, Any], log: Log, before: Replay, after: 
         PlantError: the arm lacks a parameter of the verdict.
 
     """
-    said = verdict.read(content)
-    changed, _ = verdict.applied(arm, said)
+    said = verdict.read_verdict(content)
+    changed, _ = verdict.apply_verdict(arm, said)
     names = list(arm.parameters.described)
     own = {f"{e.name}@{e.joint}": tuple(map(names.index, e.parameters)) for e in said.effects}
     nominal = np.array([q.nominal for q in arm.parameters.described.values()])
-    return Sight(arm.at(nominal), log, (before, after), nominal, changed.p.copy(), own)
+    return ResidualTorque(arm.with_parameters(nominal), log, (before, after), nominal, changed.p.copy(), own)

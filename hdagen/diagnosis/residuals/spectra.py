@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.residuals.residual_torque import Sight
+from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
 
-SEGMENT = 1.0  # s, length of a segment
-PASSED = 0.4  # of the first zero of the torque balance's filter: the highest frequency of use
+SEGMENT_LENGTH = 1.0  # s, length of a segment
+PASSBAND_SHARE = 0.4  # of the first zero of the torque balance's filter: the highest frequency of use
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Spectra:
     period: float
 
     @classmethod
-    def of(cls, values: Array, period: float, segment: float = SEGMENT) -> Spectra:
+    def from_series(cls, values: Array, period: float, segment: float = SEGMENT_LENGTH) -> Spectra:
         """Transform a series by segments that overlap by half, each without its mean and under Hann's window.
 
         Args:
@@ -69,18 +69,18 @@ class Spectra:
         return np.divide(cross, both, out=np.zeros(len(both)), where=both > 0)
 
     @property
-    def free(self) -> float:
+    def degrees_of_freedom(self) -> float:
         """Number of independent segments with the same information, less one."""
         return (len(self.segments) - 1) / 2
 
-    def chance(self, coherence: float) -> float:
+    def chance_probability(self, coherence: float) -> float:
         """Return the probability that noise alone has as much coherence at one frequency.
 
         Args:
             coherence: the coherence, 0 to 1.
 
         """
-        return float((1.0 - coherence) ** self.free)
+        return float((1.0 - coherence) ** self.degrees_of_freedom)
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Band:
     p: float
 
 
-def loudest(of: Spectra, other: Spectra, passed: NDArray[np.bool_]) -> Band | None:
+def find_loudest_band(of: Spectra, other: Spectra, passed: NDArray[np.bool_]) -> Band | None:
     """Find the octave in which a series has most energy.
 
     Args:
@@ -120,11 +120,11 @@ def loudest(of: Spectra, other: Spectra, passed: NDArray[np.bool_]) -> Band | No
     common = float(coherence[inside] @ power[inside] / energy[best])
     tried = int(np.count_nonzero(np.bincount(octave)))
     low, high = 2**best * step, min(2 ** (best + 1) * step, float(of.frequency[rows[-1]]))
-    return Band(low, high, float(energy[best] / energy.sum()), common, min(1.0, tried * of.chance(common)))
+    return Band(low, high, float(energy[best] / energy.sum()), common, min(1.0, tried * of.chance_probability(common)))
 
 
-def beside_input(
-    sight: Sight, joint: int, at: NDArray[np.bool_], *series: Array
+def compare_with_input(
+    sight: ResidualTorque, joint: int, at: NDArray[np.bool_], *series: Array
 ) -> tuple[NDArray[np.bool_], list[Spectra]]:
     """Compare series with the input of a motor over frequency.
 
@@ -143,6 +143,6 @@ def beside_input(
     whole = [inputs, *(np.zeros(len(sight.time)) for _ in series)]
     for full, values in zip(whole[1:], series, strict=True):
         full[at] = values
-    found = [Spectra.of(values[first : last + 1], period) for values in whole]
+    found = [Spectra.from_series(values[first : last + 1], period) for values in whole]
     frequency = found[0].frequency
-    return (frequency > 0) & (frequency <= PASSED / (sight.grid.width * period)), found
+    return (frequency > 0) & (frequency <= PASSBAND_SHARE / (sight.grid.window_rows * period)), found

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.data.split import LogPortion
 from hdagen.prediction.window_replay import Replay
 
-LAGS = 25  # rows of the test
+LJUNG_BOX_LAGS = 25  # rows of the test
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Whiteness:
     p: float
 
 
-def whiteness(error: Array, lags: int) -> Whiteness:
+def measure_whiteness(error: Array, lags: int) -> Whiteness:
     """Test whether a series is white. Its mean counts as error and is not subtracted.
 
     Source: Ljung, Box, Biometrika 65 (1978) 297.
@@ -52,12 +52,12 @@ def whiteness(error: Array, lags: int) -> Whiteness:
     r = np.r_[1.0, np.zeros(lags)]
     if products[0] > 0:
         r = products / products[0]
-    k = np.arange(1, LAGS + 1)
-    statistic = float(count * (count + 2) * np.sum(r[1 : LAGS + 1] ** 2 / (count - k)))
-    return Whiteness(r, 1.96 / np.sqrt(count), statistic, float(gammaincc(LAGS / 2, statistic / 2)))
+    k = np.arange(1, LJUNG_BOX_LAGS + 1)
+    statistic = float(count * (count + 2) * np.sum(r[1 : LJUNG_BOX_LAGS + 1] ** 2 / (count - k)))
+    return Whiteness(r, 1.96 / np.sqrt(count), statistic, float(gammaincc(LJUNG_BOX_LAGS / 2, statistic / 2)))
 
 
-def of_replay(replay: Replay, held: Portion, lags: int) -> dict[str, Whiteness]:
+def measure_replay_whiteness(replay: Replay, held: LogPortion, lags: int) -> dict[str, Whiteness]:
     """Test the held-out replay error of every channel that the gap counts; held-out blocks are joined.
 
     Args:
@@ -69,4 +69,7 @@ def of_replay(replay: Replay, held: Portion, lags: int) -> dict[str, Whiteness]:
         The test by channel.
 
     """
-    return {name: whiteness((replay.columns[name] - held.log[name])[held.rows], lags) for name in replay.channels}
+    return {
+        name: measure_whiteness((replay.columns[name] - held.log[name])[held.rows], lags)
+        for name in replay.counted_channels
+    }

@@ -8,16 +8,20 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from hdagen.diagnosis.inference.local_fit import Fitted
+from hdagen.diagnosis.inference.local_fit import Fit
 
-DEAR = 5.0  # temperatures of log evidence that the prior of one more effect takes, or a little less
-MUCH = 0.25  # of the null model's misfit, in log evidence: with more of it left, one effect may stand in for two
-BEYOND = 0.85  # of the same: with more of it left, no second effect is looked for; of 16 logs of two effects none left
+EFFECT_PENALTY = 5.0  # temperatures of log evidence that the prior of one more effect takes, or a little less
+LARGE_MISFIT_SHARE = (
+    0.25  # of the null model's misfit, in log evidence: with more of it left, one effect may stand in for two
+)
+UNEXPLAINED_MISFIT_SHARE = (
+    0.85  # of the same: with more of it left, no second effect is looked for; of 16 logs of two effects none left
+)
 # more than 0.76, of 12 logs of something unknown 7 did
-LOST = 500.0  # log evidence that it must be, too, as the likelihood is tempered
+UNEXPLAINED_MISFIT = 500.0  # log evidence that it must be, too, as the likelihood is tempered
 
 
-def charge_effects(evidence: float, fit: Fitted, excess: float) -> float:
+def charge_effects(evidence: float, fit: Fit, excess: float) -> float:
     """Subtract the prior's penalty for a fit's effects from its log evidence.
 
     Args:
@@ -29,10 +33,10 @@ def charge_effects(evidence: float, fit: Fitted, excess: float) -> float:
         The log evidence less the penalty.
 
     """
-    return evidence - DEAR * excess * len(fit.atoms)
+    return evidence - EFFECT_PENALTY * excess * len(fit.effects)
 
 
-def leaves_much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
+def leaves_much(lead: Fit, fitted: Sequence[Fit]) -> bool:
     """Tell whether the best fit leaves much of the null model's misfit.
 
     Args:
@@ -40,33 +44,37 @@ def leaves_much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
         fitted: all fits.
 
     """
-    none = next((f for f in fitted if not f.atoms), lead)
-    return lead.clean - lead.reached > MUCH * (none.clean - none.reached)
+    none = next((f for f in fitted if not f.effects), lead)
+    return lead.noise_only_evidence - lead.evidence_here > LARGE_MISFIT_SHARE * (
+        none.noise_only_evidence - none.evidence_here
+    )
 
 
-def is_beyond(fitted: Sequence[Fitted]) -> bool:
+def is_beyond_known_effects(fitted: Sequence[Fit]) -> bool:
     """Tell whether known effects explain little of a large misfit: then no two of them will explain it, either.
 
     Args:
         fitted: all fits.
 
     """
-    best = best_first(fitted)[0]
-    none = next((f for f in fitted if not f.atoms), best)
-    return best.clean - best.reached > max(BEYOND * (none.clean - none.reached), LOST)
+    best = sort_by_evidence(fitted)[0]
+    none = next((f for f in fitted if not f.effects), best)
+    return best.noise_only_evidence - best.evidence_here > max(
+        UNEXPLAINED_MISFIT_SHARE * (none.noise_only_evidence - none.evidence_here), UNEXPLAINED_MISFIT
+    )
 
 
-def first_whole(fits: Sequence[Fitted]) -> Fitted:
+def first_with_columns(fits: Sequence[Fit]) -> Fit:
     """Return the best fit that still has its columns; a fit may become better after losing them.
 
     Args:
         fits: fits, the best first.
 
     """
-    return next(fit for fit in fits if fit.whole)
+    return next(fit for fit in fits if fit.has_columns)
 
 
-def bared(fits: Sequence[Fitted]) -> list[Fitted]:
+def drop_columns(fits: Sequence[Fit]) -> list[Fit]:
     """Drop the columns of all fits but the best one that has some.
 
     Args:
@@ -76,11 +84,11 @@ def bared(fits: Sequence[Fitted]) -> list[Fitted]:
         The fits in the same order.
 
     """
-    best = first_whole(fits)
-    return [fit if fit is best else fit.bare() for fit in fits]
+    best = first_with_columns(fits)
+    return [fit if fit is best else fit.without_columns() for fit in fits]
 
 
-def promising_first(fits: Sequence[Fitted]) -> list[Fitted]:
+def sort_by_promise(fits: Sequence[Fit]) -> list[Fit]:
     """Sort fits on their way by the evidence that the next step may reach.
 
     Args:
@@ -93,7 +101,7 @@ def promising_first(fits: Sequence[Fitted]) -> list[Fitted]:
     return sorted(fits, key=lambda f: -f.score.evidence)
 
 
-def best_first(fits: Sequence[Fitted]) -> list[Fitted]:
+def sort_by_evidence(fits: Sequence[Fit]) -> list[Fit]:
     """Sort fits in the end by the evidence they have reached.
 
     Args:
@@ -103,10 +111,10 @@ def best_first(fits: Sequence[Fitted]) -> list[Fitted]:
         The fits, the best first.
 
     """
-    return sorted(fits, key=lambda f: -f.reached)
+    return sorted(fits, key=lambda f: -f.evidence_here)
 
 
-def keep_best_starts(fits: list[Fitted]) -> tuple[list[Fitted], list[Fitted]]:
+def keep_best_starts(fits: list[Fit]) -> tuple[list[Fit], list[Fit]]:
     """Keep the first fit of each set, of several starts.
 
     Args:
@@ -116,13 +124,13 @@ def keep_best_starts(fits: list[Fitted]) -> tuple[list[Fitted], list[Fitted]]:
         These fits, and the others without their columns.
 
     """
-    first: dict[tuple[str, ...], Fitted] = {}
+    first: dict[tuple[str, ...], Fit] = {}
     for fit in fits:
         first.setdefault(fit.names, fit)
-    return list(first.values()), [fit.bare() for fit in fits if first[fit.names] is not fit]
+    return list(first.values()), [fit.without_columns() for fit in fits if first[fit.names] is not fit]
 
 
-def place_by_size(fits: Sequence[Fitted]) -> Iterator[tuple[Fitted, int]]:
+def place_by_size(fits: Sequence[Fit]) -> Iterator[tuple[Fit, int]]:
     """Count for each fit the better ones with as many effects, the null model counting as one effect. So a set takes no
     place from a single effect.
 
@@ -135,5 +143,5 @@ def place_by_size(fits: Sequence[Fitted]) -> Iterator[tuple[Fitted, int]]:
     """
     before: Counter[int] = Counter()
     for fit in fits:
-        yield fit, before[max(len(fit.atoms), 1)]
-        before[max(len(fit.atoms), 1)] += 1
+        yield fit, before[max(len(fit.effects), 1)]
+        before[max(len(fit.effects), 1)] += 1

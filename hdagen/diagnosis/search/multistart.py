@@ -13,29 +13,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.inference.candidate_priors import ORDER, Atom, Dictionary
-from hdagen.diagnosis.inference.gauss_newton import put, put_sizes, widths
-from hdagen.diagnosis.inference.marginal_likelihood import Scored
-from hdagen.diagnosis.inference.sensitivities import Design, Point, chosen, residual
-from hdagen.diagnosis.initialization.initial_guess import shared
-from hdagen.support.parallel import together
+from hdagen.diagnosis.inference.candidate_priors import ORDER_SHAPE, Candidate, CandidateSet
+from hdagen.diagnosis.inference.gauss_newton import compute_prior_widths, place_candidate, place_sizes
+from hdagen.diagnosis.inference.marginal_likelihood import ScoredHypothesis
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, select_columns, weigh_residual
+from hdagen.diagnosis.initialization.initial_guess import split_input_effects
+from hdagen.support.parallel import map_in_threads
 
-SIZES = (-2.0, -0.7, 0.7, 2.0)  # typical sizes
-SEEN = 0.1  # typical sizes, from which an initial guess is tried
-TORQUES = (0.03, 1.0)  # sizes of unexplained torque
-AT_ONCE = 32  # points that are scored together
+SCANNED_SIZES = (-2.0, -0.7, 0.7, 2.0)  # typical sizes
+LEAST_SCANNED_VALUE = 0.1  # typical sizes, from which an initial guess is tried
+SCANNED_TORQUES = (0.03, 1.0)  # sizes of unexplained torque
+SCAN_BATCH_SIZE = 32  # points that are scored together
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
     """Where the fit of a candidate starts, and the log evidence that it gains there."""
 
-    point: Point
+    point: OperatingPoint
     gain: float
 
 
-def scan(
-    at: Design, words: Dictionary, lead: Scored | None = None, far: Mapping[int, Array] | None = None
+def scan_sizes(
+    at: Sensitivities, words: CandidateSet, lead: ScoredHypothesis | None = None, far: Mapping[int, Array] | None = None
 ) -> dict[int, Start]:
     """Find the best start of each candidate that is not a sum of a sine and a cosine. The base parameters are fitted
     with it in the linear model; beside a leader, everything that the leader has moved, too, as that may stand in for
@@ -52,39 +52,41 @@ def scan(
 
     """
     led: tuple[int, ...] = ()
-    columns = words.base
-    sizes: tuple[float, ...] = TORQUES
+    columns = words.always_fitted
+    sizes: tuple[float, ...] = SCANNED_TORQUES
     if lead:
-        columns, led, sizes = words.focused(lead.atoms), lead.atoms, (lead.at.s,)
-    base, tried = chosen(at, columns), []
-    for k, atom in enumerate(words.atoms):
-        if atom.name in base.words.meant:
+        columns, led, sizes = words.columns_for(lead.effects), lead.effects, (lead.posterior.s,)
+    base, tried = select_columns(at, columns), []
+    for k, atom in enumerate(words.members):
+        if atom.name in base.candidates.active:
             continue
-        points = [*_displaced(at, words, k, atom), *_parted(at, words, led, k)]
+        points = [*_displace_candidate(at, words, k, atom), *_share_with_leader(at, words, led, k)]
         if far and k in far:
-            points.append(put_sizes(at, words, (k,), far[k]))
+            points.append(place_sizes(at, words, (k,), far[k]))
         tried += [(k, point) for point in points]
-    seen = at.shooting.near(at.point.lane, [point.lane for _, point in tried])
+    seen = at.shooting.predict_near(at.point.rollout, [point.rollout for _, point in tried])
 
-    def evidences(of: Sequence[tuple[tuple[int, ...], Point]], left: Array) -> Array:
+    def evidences(of: Sequence[tuple[tuple[int, ...], OperatingPoint]], left: Array) -> Array:
         """Log evidence of candidates at points with their residuals (B, R, M), at the best size of unexplained
         torque."""
-        bundle = base.bundle([point for _, point in of], left)
-        spikes = np.stack([widths(base, free(atoms), point) for atoms, point in of])
-        return np.max([bundle.evidences(s, spikes) for s in sizes], axis=0)
+        bundle = base.batch_residuals([point for _, point in of], left)
+        spikes = np.stack([compute_prior_widths(base, free(atoms), point) for atoms, point in of])
+        return np.max([bundle.log_evidences(s, spikes) for s in sizes], axis=0)
 
     def free(atoms: tuple[int, ...]) -> NDArray[np.intp]:
-        amplitudes = {name for k in atoms for name in words.atoms[k].amplitudes}
-        return np.array([i for i, c in enumerate(base.words.columns) if c.parameter in amplitudes and c.atom >= 0], int)
+        amplitudes = {name for k in atoms for name in words.members[k].amplitudes}
+        return np.array(
+            [i for i, c in enumerate(base.candidates.columns) if c.parameter in amplitudes and c.candidate >= 0], int
+        )
 
     def judged(some: slice) -> list[float]:
-        left = np.stack([residual(at.shooting, read) for read in seen[some]])
+        left = np.stack([weigh_residual(at.shooting, read) for read in seen[some]])
         of = [((*led, k) if lead else (), point) for k, point in tried[some]]
         return [float(value) - none for value in evidences(of, left)]
 
     (none,) = map(float, evidences([(led, base.point)], base.residual[None]))
-    parts = [slice(first, first + AT_ONCE) for first in range(0, len(tried), AT_ONCE)]
-    gains = [gain for part in together(judged, parts) for gain in part]
+    parts = [slice(first, first + SCAN_BATCH_SIZE) for first in range(0, len(tried), SCAN_BATCH_SIZE)]
+    gains = [gain for part in map_in_threads(judged, parts) for gain in part]
     found: dict[int, Start] = {}
     for (k, point), gain in zip(tried, gains, strict=True):
         if k not in found or gain > found[k].gain:
@@ -92,35 +94,37 @@ def scan(
     return found
 
 
-def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]:
+def _displace_candidate(at: Sensitivities, words: CandidateSet, k: int, atom: Candidate) -> list[OperatingPoint]:
     """List points with the candidate at its initial guess, and at each size within its bounds, one amplitude at a
     time."""
-    columns = [c for c in words.columns if c.atom == k]
+    columns = [c for c in words.columns if c.candidate == k]
     described = list(at.shooting.arm.parameters.described.values())
     found = []
-    if np.linalg.norm([c.seen for c in columns]) >= SEEN:
-        beside = [c for c in words.columns if c.seen and words.atoms[c.atom].joint == atom.joint]
-        others = {c.index: c.tolerated for c in beside if words.atoms[c.atom].name not in words.meant}
-        found.append(put(at, atom, others | {c.index: c.center + c.seen * c.unit for c in columns}))
-    if len(columns) > 1 and ORDER in "".join(atom.shapes):
+    if np.linalg.norm([c.initial_guess for c in columns]) >= LEAST_SCANNED_VALUE:
+        beside = [c for c in words.columns if c.initial_guess and words.members[c.candidate].joint == atom.joint]
+        others = {c.index: c.initial_value for c in beside if words.members[c.candidate].name not in words.active}
+        found.append(
+            place_candidate(at, atom, others | {c.index: c.center + c.initial_guess * c.unit for c in columns})
+        )
+    if len(columns) > 1 and ORDER_SHAPE in "".join(atom.shapes):
         return found  # a sine and a cosine are as good as linear
     for c in columns:
-        for size in dict.fromkeys((*SIZES, c.step)):
+        for size in dict.fromkeys((*SCANNED_SIZES, c.step)):
             value = c.center + size * c.unit
             if described[c.index].low <= value <= described[c.index].high:
-                found.append(put(at, atom, {c.index: value}))
+                found.append(place_candidate(at, atom, {c.index: value}))
     return found
 
 
-def _parted(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> list[Point]:
+def _share_with_leader(at: Sensitivities, words: CandidateSet, lead: tuple[int, ...], k: int) -> list[OperatingPoint]:
     """List points that share an input effect of the leader with the candidate, as the measured input shows both. The
     slope of a delay of whole rows says nothing."""
-    shooting, atom, found = at.shooting, words.atoms[k], []
+    shooting, atom, found = at.shooting, words.members[k], []
     names = list(shooting.arm.parameters.described)
     for i in lead:
-        other, shown = words.atoms[i], shooting.arm.input_names[atom.joint - 1] in shooting.record.names
+        other, shown = words.members[i], shooting.arm.input_names[atom.joint - 1] in shooting.record.names
         if shown and {atom.place, other.place} == {"input"} and atom.joint == other.joint:
             there, beside = other.amplitudes[0], atom.amplitudes[0]
-            values = shared(shooting.arm, shooting.record, at.point.p, there, beside, atom.joint)
-            found.append(put(at, atom, dict(zip(map(names.index, (there, beside)), values, strict=True))))
+            values = split_input_effects(shooting.arm, shooting.record, at.point.p, there, beside, atom.joint)
+            found.append(place_candidate(at, atom, dict(zip(map(names.index, (there, beside)), values, strict=True))))
     return found

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from hdagen.diagnosis.inference.candidate_priors import SHARES, Dictionary
-from hdagen.diagnosis.inference.local_fit import Fitted, advanced, begun, sharing
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
-from hdagen.diagnosis.inference.sensitivities import Point, design
-from hdagen.diagnosis.initialization.candidate_list import dictionary
-from hdagen.diagnosis.initialization.initial_guess import suggested
-from hdagen.diagnosis.search.ripple_order import with_orders
+from hdagen.diagnosis.inference.candidate_priors import SPIKE_SCALES, CandidateSet
+from hdagen.diagnosis.inference.local_fit import Fit, advance_fit, rescale_spikes, start_fit
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, compute_sensitivities
+from hdagen.diagnosis.initialization.candidate_list import build_candidates
+from hdagen.diagnosis.initialization.initial_guess import guess_from_log
+from hdagen.diagnosis.search.ripple_order import suggest_ripple_orders
 
-LOOKS = 2  # steps of the fit
+NULL_MODEL_STEPS = 2  # steps of the fit
 
 
-def first_look(shooting: Shooting) -> tuple[Dictionary, Fitted]:
+def fit_null_model(shooting: MultipleShooting) -> tuple[CandidateSet, Fit]:
     """Fit the null model, and prepare the candidates by it.
 
     Args:
@@ -24,14 +24,14 @@ def first_look(shooting: Shooting) -> tuple[Dictionary, Fitted]:
         model leaves no room for large effects); and the fitted null model.
 
     """
-    hints = suggested(shooting.arm, shooting.record)
-    fit = nothing(shooting, dictionary(shooting.arm, hints, shooting.record.uncommanded))
-    return dictionary(shooting.arm, with_orders(fit, hints), shooting.record.uncommanded).sharing(
-        fit.design.words.share
-    ), fit
+    hints = guess_from_log(shooting.arm, shooting.record)
+    fit = fit_without_effects(shooting, build_candidates(shooting.arm, hints, shooting.record.joints_without_command))
+    return build_candidates(
+        shooting.arm, suggest_ripple_orders(fit, hints), shooting.record.joints_without_command
+    ).with_spike_scale(fit.sensitivities.candidates.spike_scale), fit
 
 
-def nothing(shooting: Shooting, words: Dictionary) -> Fitted:
+def fit_without_effects(shooting: MultipleShooting, words: CandidateSet) -> Fit:
     """Fit the null model by a few steps, with its most probable spike width.
 
     Args:
@@ -42,23 +42,25 @@ def nothing(shooting: Shooting, words: Dictionary) -> Fitted:
         The fit.
 
     """
-    fit = begun(design(shooting, words.focused(()), first(shooting, words)), words, (), 1.0)
-    for _ in range(LOOKS):
-        fit = advanced(fit, words)
-    return likeliest(fit)
+    fit = start_fit(
+        compute_sensitivities(shooting, words.columns_for(()), make_nominal_point(shooting, words)), words, (), 1.0
+    )
+    for _ in range(NULL_MODEL_STEPS):
+        fit = advance_fit(fit, words)
+    return choose_spike_scale(fit)
 
 
-def likeliest(fit: Fitted) -> Fitted:
+def choose_spike_scale(fit: Fit) -> Fit:
     """Return a fit with the spike width that is most probable for it.
 
     Args:
         fit: the fit.
 
     """
-    return max((sharing(fit, share) for share in SHARES), key=lambda one: one.score.at.evidence)
+    return max((rescale_spikes(fit, share) for share in SPIKE_SCALES), key=lambda one: one.score.posterior.evidence)
 
 
-def first(shooting: Shooting, words: Dictionary) -> Point:
+def make_nominal_point(shooting: MultipleShooting, words: CandidateSet) -> OperatingPoint:
     """Return the point where every hypothesis starts: the robot file's numbers with the initial guess, limited to
     nuisance sizes, and with walls and ripples where the log suggests them.
 
@@ -68,11 +70,11 @@ def first(shooting: Shooting, words: Dictionary) -> Point:
 
     """
     p = shooting.arm.p.copy()
-    for atom in words.atoms:
-        if atom.first:
-            atom.shape(shooting.arm, p)
+    for atom in words.members:
+        if atom.has_default_shapes:
+            atom.apply_shapes(shooting.arm, p)
     for c in words.columns:
-        if c.seen:
-            p[c.index] = c.tolerated
-    p = shooting.arm.parameters.within(p)
-    return Point(p, shooting.begun(p))
+        if c.initial_guess:
+            p[c.index] = c.initial_value
+    p = shooting.arm.parameters.clip_to_bounds(p)
+    return OperatingPoint(p, shooting.measured_initial_states(p))

@@ -15,25 +15,25 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.data.windows import Record, record
-from hdagen.diagnosis.inference.candidate_priors import Dictionary
-from hdagen.diagnosis.inference.local_fit import Fitted, begun
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
-from hdagen.diagnosis.inference.sensitivities import Design, Point, design
-from hdagen.diagnosis.initialization.candidate_list import dictionary
-from hdagen.diagnosis.initialization.initial_guess import suggested
-from hdagen.diagnosis.search.fit_order import bared, best_first, leaves_much
-from hdagen.diagnosis.search.hypothesis_search import TRAILING, Search, raced
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.data.windows import WindowedRecord, cut_windows
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.local_fit import Fit, start_fit
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, compute_sensitivities
+from hdagen.diagnosis.initialization.candidate_list import build_candidates
+from hdagen.diagnosis.initialization.initial_guess import guess_from_log
+from hdagen.diagnosis.search.fit_order import drop_columns, leaves_much, sort_by_evidence
+from hdagen.diagnosis.search.hypothesis_search import TRAILING_SHARE, SearchResult, run_races
 
-EFFECT = "missing_compliance"
-SIZES = (1.0, 4.0)  # typical sizes at which a fit with springs starts
-STEP = 2.5e-4  # s, stable for springs ten times as stiff as typical ones; a stiffer spring is as good as rigid
+SPRING_EFFECT = "missing_compliance"
+SPRING_SIZES = (1.0, 4.0)  # typical sizes at which a fit with springs starts
+SPRING_STEP = 2.5e-4  # s, stable for springs ten times as stiff as typical ones; a stiffer spring is as good as rigid
 
 
-def with_springs(
-    robot: str | Path, arm: Arm, seen: Record, window: float, found: Search, say: Callable[[str], None]
-) -> Search:
+def compare_with_springs(
+    robot: str | Path, arm: Arm, seen: WindowedRecord, window: float, found: SearchResult, say: Callable[[str], None]
+) -> SearchResult:
     """Compare the search's result with a model that has springs in its rigid joints.
 
     Args:
@@ -53,63 +53,71 @@ def with_springs(
     """
     if len(arm.manifest["flexible"]) == arm.n:
         return found
-    flexible = load(robot, "native", ("all", EFFECT))
-    _tell_rigid(flexible, say)
+    flexible = load(robot, "native", ("all", SPRING_EFFECT))
+    _report_rigid_joints(flexible, say)
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
         return found  # no rotor that could turn by itself
-    _narrowed(flexible)
+    _narrow_spring_bounds(flexible)
     say("a spring in what the robot file calls rigid")
-    shooting = Shooting(flexible, record(flexible, Portion(seen.log, seen.shown), window), STEP)
-    words = dictionary(flexible, suggested(flexible, shooting.record), shooting.record.uncommanded).sharing(
-        found.words.share
+    shooting = MultipleShooting(
+        flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SPRING_STEP
     )
-    at, field = _begun(shooting, words, found)
-    lead = best_first(found.fitted)[0]
+    words = build_candidates(
+        flexible, guess_from_log(flexible, shooting.record), shooting.record.joints_without_command
+    ).with_spike_scale(found.candidates.spike_scale)
+    at, field = _start_spring_fits(shooting, words, found)
+    lead = sort_by_evidence(found.fits)[0]
     least = -np.inf
-    if not leaves_much(lead, found.fitted):  # a good fit must gain by springs before anything is tried beside them
-        least = lead.reached
-    fits = raced(at, words, field, say, least)
-    return replace(found, fitted=tuple(bared(best_first([*found.fitted, *fits]))))
+    if not leaves_much(lead, found.fits):  # a good fit must gain by springs before anything is tried beside them
+        least = lead.evidence_here
+    fits = run_races(at, words, field, say, least)
+    return replace(found, fits=tuple(drop_columns(sort_by_evidence([*found.fits, *fits]))))
 
 
-def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design, list[Fitted]]:
+def _start_spring_fits(
+    shooting: MultipleShooting, words: CandidateSet, found: SearchResult
+) -> tuple[Sensitivities, list[Fit]]:
     """Start the fits with springs: the springs alone at each size, and beside the effects found, where the springs
     alone promise less than these have reached. Then the springs alone stay only if they promise a share of that
     gain."""
-    springs = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
-    lead, near = best_first(found.fitted)[0], found.fitted[0].score.at.s
-    none = next((fit for fit in found.fitted if not fit.atoms), lead)
-    beside = tuple(k for k, atom in enumerate(words.atoms) if atom.name in lead.names and atom.first)
-    alone: list[Fitted] = []
-    for size in SIZES:
-        p = _stiffened(shooting.arm, words, springs, shooting.arm.p.copy(), size)
-        at = design(shooting, words, Point(p, shooting.begun(p)))
-        alone.append(begun(at, words, springs, near))
-    if not beside or max(fit.score.evidence for fit in alone) >= lead.reached:
+    springs = tuple(
+        k for k, atom in enumerate(words.members) if atom.effect == SPRING_EFFECT and atom.has_default_shapes
+    )
+    lead, near = sort_by_evidence(found.fits)[0], found.fits[0].score.posterior.s
+    none = next((fit for fit in found.fits if not fit.effects), lead)
+    beside = tuple(k for k, atom in enumerate(words.members) if atom.name in lead.names and atom.has_default_shapes)
+    alone: list[Fit] = []
+    for size in SPRING_SIZES:
+        p = _set_springs(shooting.arm, words, springs, shooting.arm.p.copy(), size)
+        at = compute_sensitivities(shooting, words, OperatingPoint(p, shooting.measured_initial_states(p)))
+        alone.append(start_fit(at, words, springs, near))
+    if not beside or max(fit.score.evidence for fit in alone) >= lead.evidence_here:
         return at, alone
-    least = none.reached + TRAILING * (lead.reached - none.reached)
+    least = none.evidence_here + TRAILING_SHARE * (lead.evidence_here - none.evidence_here)
     field = [fit for fit in alone if fit.score.evidence >= least]
-    for size in SIZES:
-        p = _stiffened(shooting.arm, words, springs, _carried_over(shooting.arm, lead), size)
-        field.append(begun(at, words, (*springs, *beside), near, Point(p, shooting.begun(p))))
+    for size in SPRING_SIZES:
+        p = _set_springs(shooting.arm, words, springs, _carry_over_parameters(shooting.arm, lead), size)
+        field.append(
+            start_fit(at, words, (*springs, *beside), near, OperatingPoint(p, shooting.measured_initial_states(p)))
+        )
     return at, field
 
 
-def _stiffened(flexible: Arm, words: Dictionary, springs: tuple[int, ...], p: Array, size: float) -> Array:
+def _set_springs(flexible: Arm, words: CandidateSet, springs: tuple[int, ...], p: Array, size: float) -> Array:
     """Return the parameters (np) with springs at a size, within their bounds."""
     for c in words.columns:
-        if c.atom in springs:
+        if c.candidate in springs:
             p[c.index] = c.center + size * c.unit
-    return flexible.parameters.within(p)
+    return flexible.parameters.clip_to_bounds(p)
 
 
-def _carried_over(flexible: Arm, lead: Fitted) -> Array:
+def _carry_over_parameters(flexible: Arm, lead: Fit) -> Array:
     """Return the parameters (np) of a model with springs at the point of a fit without."""
-    stood = dict(zip(lead.design.shooting.arm.parameters.described, lead.design.point.p, strict=True))
+    stood = dict(zip(lead.sensitivities.shooting.arm.parameters.described, lead.sensitivities.point.p, strict=True))
     return np.array([stood.get(name, q.nominal) for name, q in flexible.parameters.described.items()])
 
 
-def _tell_rigid(flexible: Arm, say: Callable[[str], None]) -> None:
+def _report_rigid_joints(flexible: Arm, say: Callable[[str], None]) -> None:
     """Say which joints with a rotor stay rigid even here, and the number that prevents a spring."""
     for j in range(1, flexible.n + 1):
         inertia = flexible.parameters[f"motor_inertia_{j}"]
@@ -118,11 +126,11 @@ def _tell_rigid(flexible: Arm, say: Callable[[str], None]) -> None:
             say(f"joint {j} stays rigid: {step}")
 
 
-def _narrowed(flexible: Arm) -> None:
+def _narrow_spring_bounds(flexible: Arm) -> None:
     """Limit the springs and their damping to values that the step integrates stably."""
     described = flexible.parameters.described
     names = list(described)
-    for place, (least, most) in flexible.carried.springs(STEP).items():
+    for place, (least, most) in flexible.stability.spring_bounds(SPRING_STEP).items():
         q = described[names[place]]
         low, high = min(max(q.low, least), q.nominal), max(min(q.high, most), q.nominal)
         described[names[place]] = replace(q, low=low, high=high)

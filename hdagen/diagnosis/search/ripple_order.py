@@ -15,19 +15,19 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.data_quality.rank_check import is_determined
-from hdagen.diagnosis.inference.candidate_priors import Dictionary
-from hdagen.diagnosis.inference.local_fit import Fitted
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
-from hdagen.diagnosis.inference.sensitivities import knots
-from hdagen.diagnosis.initialization.initial_guess import Suggested
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.local_fit import Fit
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.sensitivities import count_torque_steps
+from hdagen.diagnosis.initialization.initial_guess import InitialGuess
 
-EFFECT = "torque_ripple"
-ORDERS = np.arange(1, 97)  # cycles in a turn of the motor
-CLEAR = 12.0  # times the median gain of all orders, from which an order stands out
-KEPT = 3  # orders that are tried
+RIPPLE_EFFECT = "torque_ripple"
+RIPPLE_ORDERS = np.arange(1, 97)  # cycles in a turn of the motor
+CLEAR_ORDER_GAIN = 12.0  # times the median gain of all orders, from which an order stands out
+MOST_RIPPLE_ORDERS = 3  # orders that are tried
 
 
-def with_orders(nothing: Fitted, suggested: Suggested) -> Suggested:
+def suggest_ripple_orders(nothing: Fit, suggested: InitialGuess) -> InitialGuess:
     """Put the orders that the log shows before the usual ones.
 
     Args:
@@ -38,16 +38,16 @@ def with_orders(nothing: Fitted, suggested: Suggested) -> Suggested:
         The initial guess with these orders.
 
     """
-    arm, shapes = nothing.design.shooting.arm, dict(suggested.shapes)
+    arm, shapes = nothing.sensitivities.shooting.arm, dict(suggested.shapes)
     for j in range(1, arm.n + 1):
         name = f"ripple_order_{j}"
         if name in arm.parameters.described:
             usual = arm.parameters.described[name].starts
-            shapes[name] = tuple(dict.fromkeys((*_orders(nothing, j), *usual)))[: KEPT + 1]
+            shapes[name] = tuple(dict.fromkeys((*_clearest_orders(nothing, j), *usual)))[: MOST_RIPPLE_ORDERS + 1]
     return replace(suggested, shapes=shapes)
 
 
-def heard(lead: Fitted, words: Dictionary) -> Dictionary:
+def add_ripple_orders(lead: Fit, words: CandidateSet) -> CandidateSet:
     """Add a ripple of each joint's clearest order in the leader's residual, unless the candidates have it.
 
     Args:
@@ -58,41 +58,41 @@ def heard(lead: Fitted, words: Dictionary) -> Dictionary:
         The larger set.
 
     """
-    for k in [k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first]:
-        atom = words.atoms[k]
-        known = [value for a in words.atoms if a.name == atom.name for value in a.shapes.values()]
+    for k in [k for k, atom in enumerate(words.members) if atom.effect == RIPPLE_EFFECT and atom.has_default_shapes]:
+        atom = words.members[k]
+        known = [value for a in words.members if a.name == atom.name for value in a.shapes.values()]
         if atom.name in lead.names:
             continue
-        for order in _orders(lead, atom.joint)[:1]:
+        for order in _clearest_orders(lead, atom.joint)[:1]:
             if order not in known:
-                words = words.another(k, {f"ripple_order_{atom.joint}": order})
+                words = words.with_shapes_added(k, {f"ripple_order_{atom.joint}": order})
     return words
 
 
-def _orders(fit: Fitted, j: int) -> tuple[float, ...]:
+def _clearest_orders(fit: Fit, j: int) -> tuple[float, ...]:
     """List the clearest orders of joint j, the clearest first; none where none stands out."""
-    shooting = fit.design.shooting
-    torque = fit.design.linear().inner(max(fit.score.at.s, 1e-3), fit.posterior[0])[1]
-    steps = knots(shooting)
+    shooting = fit.sensitivities.shooting
+    torque = fit.sensitivities.linear_model().solve_inner(max(fit.score.posterior.s, 1e-3), fit.posterior[0])[1]
+    steps = count_torque_steps(shooting)
     own = torque[:, (j - 1) * steps : j * steps].reshape(-1)
-    orders, waves = _waves(shooting, j)
+    orders, waves = _mean_waves(shooting, j)
     if not len(orders) or not is_determined(waves[0]):
         return ()
-    gains = np.array([_gain(own, wave) for wave in waves])
-    best = np.argsort(-gains)[:KEPT]
-    return tuple(float(orders[k]) for k in best if gains[k] > CLEAR * np.median(gains))
+    gains = np.array([_wave_gain(own, wave) for wave in waves])
+    best = np.argsort(-gains)[:MOST_RIPPLE_ORDERS]
+    return tuple(float(orders[k]) for k in best if gains[k] > CLEAR_ORDER_GAIN * np.median(gains))
 
 
-def _waves(shooting: Shooting, j: int) -> tuple[Array, Array]:
+def _mean_waves(shooting: MultipleShooting, j: int) -> tuple[Array, Array]:
     """List the orders that run through a full cycle, with the mean cosine and sine of each over the rows of each part
     of each window (orders, parts, 2)."""
     record, arm = shooting.record, shooting.arm
     ratio = arm.parameters[f"ratio_{j}"]
     name = f"motor_position_{j}"
     theta = record.log[name] if name in record.log else ratio * record.log[f"joint_position_{j}"]
-    parts, steps, edges = [], knots(shooting), record.edges[record.kept]
+    parts, steps, edges = [], count_torque_steps(shooting), record.window_edges[record.selected_windows]
     seen = np.concatenate([theta[first:end] for first, end in edges])
-    orders = ORDERS[ORDERS * np.ptp(seen) >= 2 * np.pi]  # less than one cycle is a trend
+    orders = RIPPLE_ORDERS[RIPPLE_ORDERS * np.ptp(seen) >= 2 * np.pi]  # less than one cycle is a trend
     for first, end in edges:
         edge = np.linspace(first, end, steps + 1).round().astype(int) - first
         turned = np.exp(1j * orders[:, None] * theta[first:end])
@@ -101,7 +101,7 @@ def _waves(shooting: Shooting, j: int) -> tuple[Array, Array]:
     return orders, np.stack([mean.real, mean.imag], 2)
 
 
-def _gain(torque: Array, wave: Array) -> float:
+def _wave_gain(torque: Array, wave: Array) -> float:
     """Return the reduction of the torque's squares by a cosine and a sine, in units of its variance."""
     left = torque - torque.mean()
     columns = wave - wave.mean(0)

@@ -10,19 +10,19 @@ import numpy as np
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference
-from hdagen.mpc.configuration import Configuration, gains_of
+from hdagen.mpc.configuration import Configuration, list_admittance_gains
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import Push, ideal, run
+from hdagen.simulation.simulator import Push, run, simulate_ideal_admittance
 
-TUNED = ("bandwidth", "observer_bandwidth", "velocity_cutoff")
-METHOD = "Nelder-Mead on the logarithms of the gains, cost: mean distance from the ideal motion"
-SPREAD = 3.0  # factor about the defaults, either way
-LIFE = 400  # of the simplex: evaluations
-SEED = 7
+TUNED_GAIN_NAMES = ("bandwidth", "observer_bandwidth", "velocity_cutoff")
+TUNING_METHOD = "Nelder-Mead on the logarithms of the gains, cost: mean distance from the ideal motion"
+GAIN_SPREAD = 3.0  # factor about the defaults, either way
+MOST_EVALUATIONS = 400  # of the simplex: evaluations
+TUNING_SEED = 7
 
 
 @dataclass(frozen=True)
-class Tuned:
+class TunedGains:
     """Gains of `admittance_cartesian`, and the mean distance from the ideal motion that they reach, m."""
 
     gains: dict[str, float]
@@ -30,7 +30,7 @@ class Tuned:
     evaluations: int
 
 
-def tune(
+def tune_admittance(
     arm: Arm,
     c: Configuration,
     controller: Controller,
@@ -38,8 +38,8 @@ def tune(
     pushes: Sequence[Push],
     sensors: Sensors,
     evaluations: int = 40,
-) -> Tuned:
-    """Tune the inner loop so that the tip comes nearest to the ideal motion on one run, by `METHOD`.
+) -> TunedGains:
+    """Tune the inner loop so that the tip comes nearest to the ideal motion on one run, by `TUNING_METHOD`.
 
     Args:
         arm: The arm.
@@ -56,19 +56,19 @@ def tune(
     """
     from scipy.optimize import minimize
 
-    start = np.log([controller.gains[name] for name in TUNED])
-    wanted = gains_of(c)
+    start = np.log([controller.gains[name] for name in TUNED_GAIN_NAMES])
+    wanted = list_admittance_gains(c)
 
     def distance(logarithms: np.ndarray) -> float:
-        inside = np.clip(logarithms, start - np.log(SPREAD), start + np.log(SPREAD))
-        controller.configure(controller.guard, {**wanted, **dict(zip(TUNED, np.exp(inside), strict=True))})
-        done = run(arm, controller, path, pushes, sensors, SEED)
-        goal = path.position + ideal(arm, controller, done.push, path.period)
+        inside = np.clip(logarithms, start - np.log(GAIN_SPREAD), start + np.log(GAIN_SPREAD))
+        controller.configure(controller.guard, {**wanted, **dict(zip(TUNED_GAIN_NAMES, np.exp(inside), strict=True))})
+        done = run(arm, controller, path, pushes, sensors, TUNING_SEED)
+        goal = path.position + simulate_ideal_admittance(arm, controller, done.push, path.period)
         return float(np.linalg.norm(done.tip - goal, axis=1).mean()) + float(np.abs(logarithms - inside).sum())
 
     simplex = start + np.vstack([np.zeros(3), 0.4 * np.eye(3)])
-    options = {"maxfev": min(evaluations, LIFE), "initial_simplex": simplex, "xatol": 1e-2, "fatol": 1e-8}
+    options = {"maxfev": min(evaluations, MOST_EVALUATIONS), "initial_simplex": simplex, "xatol": 1e-2, "fatol": 1e-8}
     found = minimize(distance, start, method="Nelder-Mead", options=options)
     reached = distance(found.x)
-    gains = {name: float(controller.gains[name]) for name in TUNED}
-    return Tuned(gains, reached, int(found.nfev) + 1)
+    gains = {name: float(controller.gains[name]) for name in TUNED_GAIN_NAMES}
+    return TunedGains(gains, reached, int(found.nfev) + 1)

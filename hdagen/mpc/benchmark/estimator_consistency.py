@@ -15,21 +15,27 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.reference_motion import circle
-from hdagen.mpc.benchmark.law_comparison import CENTER, TURN, WALLS, default, vary
-from hdagen.mpc.closed_loop_trial import Trial, trial
+from hdagen.mpc.benchmark.law_comparison import (
+    CIRCLE_CENTER,
+    COURSE_WALLS,
+    SECONDS_PER_TURN,
+    make_table_configuration,
+    vary_parameters,
+)
+from hdagen.mpc.closed_loop_trial import Trial, run_trial
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push
 
-RADIUS = 0.03  # m, of the circle that the arm moves on meanwhile
-SETTLED = 200  # ticks after which the filter is judged
-STEPS, HITS = (5.0, 10.0, 20.0), (8.0, 10.0, 15.0, 25.0)  # N
-LONGEST = 0.1  # s after a hit: a collision that is called later was not detected
-PLANTS, SECONDS = 40, 6.0  # arms off by 10 %, and how long each moves without a contact
+SENSING_RADIUS = 0.03  # m, of the circle that the arm moves on meanwhile
+SETTLING_TICKS = 200  # ticks after which the filter is judged
+STEP_FORCES, HIT_FORCES = (5.0, 10.0, 20.0), (8.0, 10.0, 15.0, 25.0)  # N
+LONGEST_DETECTION = 0.1  # s after a hit: a collision that is called later was not detected
+VARIED_PLANTS, CONTACT_FREE_SECONDS = 40, 6.0  # arms off by 10 %, and how long each moves without a contact
 
 
 @dataclass(frozen=True)
-class Consistency:
+class InnovationStatistics:
     """Normalised innovations of ``readings`` encoders over a run: mean, the share below chi-square's 95 % quantile, and
     the correlation of one tick's with the next."""
 
@@ -41,7 +47,7 @@ class Consistency:
 
 
 @dataclass(frozen=True)
-class Step:
+class ForceStepResponse:
     """A step of force as it was seen: delay to half and to nine tenths of it, s, and bias once it stands, N."""
 
     by: str
@@ -52,7 +58,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Detection:
+class CollisionDetection:
     """Hits of one size, N: the share that was called a collision, and the time that took, s."""
 
     size: float
@@ -63,19 +69,21 @@ class Detection:
 
 
 @dataclass(frozen=True)
-class Sensing:
+class SensingResult:
     """All measurements. ``alarms``: collisions called in ``seconds`` of motion without any, parameters off by up to
     10 %."""
 
-    consistency: tuple[Consistency, ...]
-    steps: tuple[Step, ...]
-    detections: tuple[Detection, ...]
+    consistency: tuple[InnovationStatistics, ...]
+    steps: tuple[ForceStepResponse, ...]
+    detections: tuple[CollisionDetection, ...]
     threshold: float
     alarms: int
     seconds: float
 
 
-def measure(profile: str = "native", say: Callable[[str], None] = lambda _: None, plants: int = PLANTS) -> Sensing:
+def measure_sensing(
+    profile: str = "native", say: Callable[[str], None] = lambda _: None, plants: int = VARIED_PLANTS
+) -> SensingResult:
     """Measure innovations, steps of force, collisions and false alarms.
 
     Args:
@@ -90,38 +98,44 @@ def measure(profile: str = "native", say: Callable[[str], None] = lambda _: None
         PlantError: A build fails, or the controller refuses its configuration.
 
     """
-    c = default().changed(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0, limits__sudden=0.0)
+    c = make_table_configuration().with_changes(
+        tuple(replace(w, offset=10.0) for w in COURSE_WALLS), limits__tip_speed=1.0, limits__sudden=0.0
+    )
     arm, plant = load("paper", profile, mpc=c), load("paper", profile, mpc=c)
     controller = MPC(arm, c)
     say("innovations")
-    consistency = [consistent("as modelled", arm, _move(arm, controller, 4.0, seed=1))]
+    consistency = [summarize_innovations("as modelled", arm, _move_on_circle(arm, controller, 4.0, seed=1))]
     say("steps of force")
-    controller.configure_with(c.changed(c.walls, admittance__force="estimate"))
-    steps = [step for size in STEPS for step in _steps(arm, controller, size)]
+    controller.configure_with(c.with_changes(c.walls, admittance__force="estimate"))
+    steps = [step for size in STEP_FORCES for step in _measure_force_steps(arm, controller, size)]
     controller.configure_with(c)
     say("collisions")
-    detections = [detection(arm, controller, size) for size in HITS]
+    detections = [measure_detection(arm, controller, size) for size in HIT_FORCES]
     alarms, felt = 0, []
     for seed in range(plants):
         say(f"motion without contact {seed + 1} of {plants}")
-        vary(plant, np.random.default_rng(seed))
-        found = _move(plant, controller, SECONDS, seed)
-        felt.append(consistent("", arm, found))
+        vary_parameters(plant, np.random.default_rng(seed))
+        found = _move_on_circle(plant, controller, CONTACT_FREE_SECONDS, seed)
+        felt.append(summarize_innovations("", arm, found))
         called = np.array([r.collision for r in found.reports])
         alarms += int(np.sum(called[1:] & ~called[:-1]))
     if felt:
         median = np.median([(one.mean, one.below, one.correlation) for one in felt], axis=0).tolist()
-        consistency.append(Consistency(f"{plants} arms off by 10 %, median", felt[0].readings, *median))
+        consistency.append(InnovationStatistics(f"{plants} arms off by 10 %, median", felt[0].readings, *median))
     threshold = float(c["estimator.collision"])
-    return Sensing(tuple(consistency), tuple(steps), tuple(detections), threshold, alarms, plants * SECONDS)
+    return SensingResult(
+        tuple(consistency), tuple(steps), tuple(detections), threshold, alarms, plants * CONTACT_FREE_SECONDS
+    )
 
 
-def _move(plant: Arm, controller: MPC, seconds: float, seed: int, pushes: Sequence[Push] = ()) -> Trial:
-    path = circle(RADIUS, CENTER, TURN, seconds, float(controller.configuration["mpc.period"]))
-    return trial(plant, controller, path, pushes, Sensors(), (), seed)
+def _move_on_circle(plant: Arm, controller: MPC, seconds: float, seed: int, pushes: Sequence[Push] = ()) -> Trial:
+    path = circle(
+        SENSING_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, seconds, float(controller.configuration["mpc.period"])
+    )
+    return run_trial(plant, controller, path, pushes, Sensors(), (), seed)
 
 
-def consistent(name: str, arm: Arm, found: Trial) -> Consistency:
+def summarize_innovations(name: str, arm: Arm, found: Trial) -> InnovationStatistics:
     """Compare the innovations of a run with chi-square.
 
     Args:
@@ -138,34 +152,36 @@ def consistent(name: str, arm: Arm, found: Trial) -> Consistency:
     from scipy.stats import chi2
 
     readings = sum(name.startswith(("motor_position", "joint_position")) for name in arm.state_names)
-    seen = np.array([r.innovation for r in found.reports])[SETTLED:]
+    seen = np.array([r.innovation for r in found.reports])[SETTLING_TICKS:]
     next_one = float(np.corrcoef(seen[1:], seen[:-1])[0, 1])
-    return Consistency(name, readings, float(seen.mean()), float(np.mean(seen < chi2.ppf(0.95, readings))), next_one)
+    return InnovationStatistics(
+        name, readings, float(seen.mean()), float(np.mean(seen < chi2.ppf(0.95, readings))), next_one
+    )
 
 
-def _steps(arm: Arm, controller: MPC, size: float) -> list[Step]:
+def _measure_force_steps(arm: Arm, controller: MPC, size: float) -> list[ForceStepResponse]:
     """A step along each axis, without a force sensor, as the filter and as the observer saw it."""
     rows: dict[str, list[tuple[float, float, float]]] = {"filter": [], "observer": []}
     period = float(controller.configuration["mpc.period"])
     start, end = 1.0, 1.5
     for axis, force in enumerate(((size, 0.0), (0.0, size))):
-        found = _move(arm, controller, end, 3 + axis, [Push(start, end, force)])
+        found = _move_on_circle(arm, controller, end, 3 + axis, [Push(start, end, force)])
         seen = {
             "filter": np.array([r.tip_force[axis] for r in found.reports]),
             "observer": np.array([r.observed_force[axis] for r in found.reports]),
         }
         for by, values in seen.items():
-            rows[by].append(_late(values, round(start / period), size, period))
-    return [Step(by, size, *np.mean(rows[by], axis=0).tolist()) for by in rows]
+            rows[by].append(_measure_delay(values, round(start / period), size, period))
+    return [ForceStepResponse(by, size, *np.mean(rows[by], axis=0).tolist()) for by in rows]
 
 
-def _late(seen: Array, at: int, size: float, period: float) -> tuple[float, float, float]:
+def _measure_delay(seen: Array, at: int, size: float, period: float) -> tuple[float, float, float]:
     after = seen[at:]
     half, nine = (period * int(np.argmax(after > share * size)) for share in (0.5, 0.9))
     return half, nine, float(np.mean(after[len(after) // 2 :]) - size)
 
 
-def detection(arm: Arm, controller: MPC, size: float, hits: int = 24) -> Detection:
+def measure_detection(arm: Arm, controller: MPC, size: float, hits: int = 24) -> CollisionDetection:
     """Hit the moving arm in random directions and count the hits that are called collisions.
 
     Args:
@@ -184,21 +200,21 @@ def detection(arm: Arm, controller: MPC, size: float, hits: int = 24) -> Detecti
     pushes = [
         Push(t, t + 0.3, (size * float(np.cos(a)), size * float(np.sin(a)))) for t, a in zip(begun, angles, strict=True)
     ]
-    found = _move(arm, controller, hits + 1.5, 5, pushes)
+    found = _move_on_circle(arm, controller, hits + 1.5, 5, pushes)
     called = np.array([r.collision for r in found.reports])
     times = []
     for t in begun:
         at = round(t / period)
-        within = np.flatnonzero(called[at : at + round(LONGEST / period)])
+        within = np.flatnonzero(called[at : at + round(LONGEST_DETECTION / period)])
         if not called[at - 1] and len(within):
             times.append(within[0] * period)
     share = len(times) / hits
     if not times:
-        return Detection(size, hits, share, np.nan, np.nan)
-    return Detection(size, hits, share, float(np.median(times)), max(times))
+        return CollisionDetection(size, hits, share, np.nan, np.nan)
+    return CollisionDetection(size, hits, share, float(np.median(times)), max(times))
 
 
-def lines(found: Sensing) -> list[str]:
+def format_sensing(found: SensingResult) -> list[str]:
     """Format the measurements for a terminal.
 
     Args:

@@ -16,19 +16,25 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import load
 from hdagen.control.reference_motion import circle
-from hdagen.mpc.benchmark.law_comparison import CENTER, HARD, RADIUS, TURN, default
-from hdagen.mpc.benchmark.sqp_convergence import STEPS
-from hdagen.mpc.configuration import read
-from hdagen.mpc.predictive_controller import MPC, Problem
+from hdagen.mpc.benchmark.law_comparison import (
+    CIRCLE_CENTER,
+    CIRCLE_RADIUS,
+    HARD_PUSHES,
+    SECONDS_PER_TURN,
+    make_table_configuration,
+)
+from hdagen.mpc.benchmark.sqp_convergence import CONVERGED_STEPS
+from hdagen.mpc.configuration import read_configuration
+from hdagen.mpc.predictive_controller import MPC, NonlinearProblem
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import run
-from hdagen.support.child_processes import start_together
+from hdagen.support.child_processes import start_child_process
 
-SAMPLES, SECONDS = 8, 4.0
-LONGEST = 120.0  # s, of the child process
+TRUTH_SAMPLES, TRUTH_SECONDS = 8, 4.0
+TRUTH_TIMEOUT = 120.0  # s, of the child process
 
 
-def ask(robot: str, structure: str, problems: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def solve_with_ipopt(robot: str, structure: str, problems: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Solve problems with IPOPT, in a child process.
 
     Args:
@@ -47,17 +53,19 @@ def ask(robot: str, structure: str, problems: list[dict[str, Any]]) -> list[dict
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[3]), os.environ.get("PYTHONPATH"))))
     environment, pipe = {**os.environ, "PYTHONPATH": beside}, subprocess.PIPE
     try:
-        with start_together(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment) as child:
-            printed, said = child.communicate(json.dumps(problems), LONGEST)
+        with start_child_process(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment) as child:
+            printed, said = child.communicate(json.dumps(problems), TRUTH_TIMEOUT)
     except subprocess.TimeoutExpired as error:
-        raise PlantError(f"the reference did not finish within {LONGEST:g} s; take fewer samples or nodes.") from error
+        raise PlantError(
+            f"the reference did not finish within {TRUTH_TIMEOUT:g} s; take fewer samples or nodes."
+        ) from error
     if child.returncode:
         raise PlantError(said.strip()[-2000:] or "the reference failed without a word.")
     return list(json.loads(printed))
 
 
 @dataclass(frozen=True)
-class Answer:
+class TruthComparison:
     """A tick's problem, answered: cost of the truth's plan and of the tick's, both on finely integrated dynamics and
     with the penalties that they then need; the largest difference of their first torques, share of the largest."""
 
@@ -69,7 +77,9 @@ class Answer:
     apart: float
 
 
-def against_truth(config: str | None = None, profile: str = "native", samples: int = SAMPLES) -> tuple[Answer, ...]:
+def compare_with_truth(
+    config: str | None = None, profile: str = "native", samples: int = TRUTH_SAMPLES
+) -> tuple[TruthComparison, ...]:
     """Compare ticks of the table's second course with the truth, the controller converged.
 
     Args:
@@ -84,15 +94,15 @@ def against_truth(config: str | None = None, profile: str = "native", samples: i
         PlantError: The configuration is refused, or IPOPT fails.
 
     """
-    c = default()
+    c = make_table_configuration()
     if config is not None:
-        c = read(config)
-    c = c.changed(c.walls, mpc__steps=STEPS)
+        c = read_configuration(config)
+    c = c.with_changes(c.walls, mpc__steps=CONVERGED_STEPS)
     arm = load("paper", profile, mpc=c)
     controller = MPC(arm, c)
-    path = circle(RADIUS, CENTER, TURN, SECONDS, float(c["mpc.period"]))
+    path = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, TRUTH_SECONDS, float(c["mpc.period"]))
     chosen = np.linspace(50, len(path.position) - 2, samples).astype(int)
-    taken: list[Problem] = []
+    taken: list[NonlinearProblem] = []
     count = 0
 
     def tick() -> None:
@@ -100,21 +110,23 @@ def against_truth(config: str | None = None, profile: str = "native", samples: i
         controller.prepare()
         controller.step()
         if count in chosen:
-            taken.append(controller.whole())
+            taken.append(controller.nonlinear_problem())
         count += 1
 
-    controller.through(tick)
-    run(arm, controller, path, [push for push in HARD if push.start < SECONDS], Sensors(), 1)
-    controller.through(None)
+    controller.wrap_tick(tick)
+    run(arm, controller, path, [push for push in HARD_PUSHES if push.start < TRUTH_SECONDS], Sensors(), 1)
+    controller.wrap_tick(None)
     out = []
-    for at, one, answer in zip(chosen, taken, ask("paper", c.structure, [one.data for one in taken]), strict=True):
-        apart = float(np.abs(np.array(answer["T"])[0] - _first(one)).max())
+    for at, one, answer in zip(
+        chosen, taken, solve_with_ipopt("paper", c.structure, [one.data for one in taken]), strict=True
+    ):
+        apart = float(np.abs(np.array(answer["T"])[0] - _take_first_torque(one)).max())
         costs = (float(answer["cost"]), float(answer["cost_of_plan"]))
-        out.append(Answer(int(at), str(answer["status"]), int(answer["iterations"]), *costs, apart))
+        out.append(TruthComparison(int(at), str(answer["status"]), int(answer["iterations"]), *costs, apart))
     return tuple(out)
 
 
-def beside(found: tuple[Answer, ...]) -> list[str]:
+def format_truth_comparison(found: tuple[TruthComparison, ...]) -> list[str]:
     """Format the comparison for a terminal.
 
     Args:
@@ -133,5 +145,5 @@ def beside(found: tuple[Answer, ...]) -> list[str]:
     return out
 
 
-def _first(one: Problem) -> Array:
+def _take_first_torque(one: NonlinearProblem) -> Array:
     return np.asarray(one.data["T"], float).reshape(-1, len(one.data["before"]))[0]

@@ -12,27 +12,27 @@ import numpy as np
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle
-from hdagen.mpc.benchmark.admittance_tuning import METHOD, Tuned, tune
-from hdagen.mpc.closed_loop_trial import Outcome, Trial, outcome, trial
-from hdagen.mpc.configuration import Configuration, Wall, checked, gains_of, limits_of
-from hdagen.mpc.impact import Jolt, jolt
-from hdagen.mpc.impact import line as jolted
+from hdagen.mpc.benchmark.admittance_tuning import TUNING_METHOD, TunedGains, tune_admittance
+from hdagen.mpc.closed_loop_trial import Trial, TrialOutcome, evaluate_trial, run_trial
+from hdagen.mpc.configuration import Configuration, Wall, check_configuration, list_admittance_gains, resolve_limits
+from hdagen.mpc.impact import SuddenForceResponse, measure_sudden_force
+from hdagen.mpc.impact import format_sudden_force as jolted
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push
 
-SEEDS = 8
-RADIUS, CENTER, TURN, SECONDS = 0.05, (0.2, 0.0), 5.0, 8.0  # of the circle: m, m, s, s
-LAWS = ("impedance_cartesian", "admittance_cartesian")
-FREE = (Push(3.0, 4.0, (15.0, 0.0)), Push(6.0, 7.0, (0.0, 15.0)))  # the paper's Fig. 11
-HARD = (Push(1.0, 2.0, (25.0, 0.0)), Push(3.0, 4.0, (0.0, 25.0)), Push(5.0, 6.5, (30.0, 15.0)))
-WALLS = (Wall((1.0, 0.0), 0.265, 2e4, 20.0), Wall((0.0, 1.0), 0.07))  # a surface that bears 20 N, and a fixture
-SUDDEN = 0.035  # m/s: half of the most that `jolt` finds for SUDDEN_FORCE on the circle
+NOISE_SEEDS = 8
+CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, COURSE_SECONDS = 0.05, (0.2, 0.0), 5.0, 8.0  # of the circle: m, m, s, s
+COMPARED_LAWS = ("impedance_cartesian", "admittance_cartesian")
+FREE_PUSHES = (Push(3.0, 4.0, (15.0, 0.0)), Push(6.0, 7.0, (0.0, 15.0)))  # the paper's Fig. 11
+HARD_PUSHES = (Push(1.0, 2.0, (25.0, 0.0)), Push(3.0, 4.0, (0.0, 25.0)), Push(5.0, 6.5, (30.0, 15.0)))
+COURSE_WALLS = (Wall((1.0, 0.0), 0.265, 2e4, 20.0), Wall((0.0, 1.0), 0.07))  # a surface that bears 20 N, and a fixture
+SUDDEN_SPEED = 0.035  # m/s: half of the most that `jolt` finds for SUDDEN_FORCE on the circle
 SUDDEN_FORCE = 30.0  # N
-ALLOWED = {"joint_position": 0.005, "wall": 1e-3}  # rad, m; of speeds and torques SHARE
-SHARE = 0.02
-DELAYS, SPREAD, SIZES = (1, 3), 0.1, (5.0, 30.0)  # ticks; of parameters; N
-VARIED = (
+ALLOWED_EXCESS = {"joint_position": 0.005, "wall": 1e-3}  # rad, m; of speeds and torques SHARE
+ALLOWED_SHARE = 0.02
+RANDOM_DELAYS, PARAMETER_SPREAD, PUSH_SIZES = (1, 3), 0.1, (5.0, 30.0)  # ticks; of parameters; N
+VARIED_PARAMETERS = (
     "mass",
     "inertia",
     "motor_inertia",
@@ -44,12 +44,12 @@ VARIED = (
 
 
 @dataclass(frozen=True)
-class Row:
+class CourseResult:
     """One controller on one course."""
 
     course: str
     controller: str
-    outcome: Outcome
+    outcome: TrialOutcome
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ class Comparison:
     """The table, and how the admittance law was tuned. ``free``: by controller, the distances from the ideal motion
     where no limit is near, m, one for each seed of the sensors' noise."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[CourseResult, ...]
     free: Mapping[str, tuple[float, ...]]
-    tuned: Tuned
+    tuned: TunedGains
     configuration: Configuration
-    jolt: Jolt
+    jolt: SuddenForceResponse
 
 
 @dataclass(frozen=True)
@@ -70,14 +70,16 @@ class RandomRun:
 
     seed: int
     delay: int
-    predictive: Outcome
-    free: Outcome
-    admittance: Outcome
+    predictive: TrialOutcome
+    free: TrialOutcome
+    admittance: TrialOutcome
     legal: bool
     kept: bool
 
 
-def courses(c: Configuration) -> Iterator[tuple[str, Reference, tuple[Push, ...], tuple[Wall, ...], Configuration]]:
+def make_courses(
+    c: Configuration,
+) -> Iterator[tuple[str, Reference, tuple[Push, ...], tuple[Wall, ...], Configuration]]:
     """Make the courses of the table.
 
     Args:
@@ -87,23 +89,27 @@ def courses(c: Configuration) -> Iterator[tuple[str, Reference, tuple[Push, ...]
         Name, path, pushes, walls of the world, and the configuration of the course.
 
     """
-    path = circle(RADIUS, CENTER, TURN, SECONDS, float(c["mpc.period"]))
-    away = tuple(replace(wall, offset=10.0) for wall in WALLS)
-    yield "circle, pushed, no limit near", path, FREE, (), c.changed(away, limits__tip_speed=1.0)
-    yield "circle, pushed hard, wall", path, HARD, WALLS, c.changed(WALLS)
+    path = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, COURSE_SECONDS, float(c["mpc.period"]))
+    away = tuple(replace(wall, offset=10.0) for wall in COURSE_WALLS)
+    yield "circle, pushed, no limit near", path, FREE_PUSHES, (), c.with_changes(away, limits__tip_speed=1.0)
+    yield "circle, pushed hard, wall", path, HARD_PUSHES, COURSE_WALLS, c.with_changes(COURSE_WALLS)
 
 
-def default() -> Configuration:
+def make_table_configuration() -> Configuration:
     """Make the configuration of the table: two walls, a tip that moves at most 0.15 m/s, defaults otherwise.
 
     Returns:
         The configuration.
 
     """
-    return checked({"limits": {"tip_speed": 0.15, "sudden": SUDDEN}}, "table").changed(WALLS)
+    return check_configuration({"limits": {"tip_speed": 0.15, "sudden": SUDDEN_SPEED}}, "table").with_changes(
+        COURSE_WALLS
+    )
 
 
-def compare(profile: str = "native", say: Callable[[str], None] = lambda _: None, evaluations: int = 40) -> Comparison:
+def compare_controllers(
+    profile: str = "native", say: Callable[[str], None] = lambda _: None, evaluations: int = 40
+) -> Comparison:
     """Drive both courses with each of the three controllers.
 
     Args:
@@ -118,43 +124,45 @@ def compare(profile: str = "native", say: Callable[[str], None] = lambda _: None
         PlantError: A build fails, or a controller refuses its configuration.
 
     """
-    c = default()
+    c = make_table_configuration()
     say("building")
     arm = load("paper", profile, mpc=c)
     predictive = MPC(arm, c)
     guard = predictive.guard
-    controllers: dict[str, Controller] = {name: Controller(arm, name, guard, gains_of(c)) for name in LAWS}
+    controllers: dict[str, Controller] = {
+        name: Controller(arm, name, guard, list_admittance_gains(c)) for name in COMPARED_LAWS
+    }
     say("tuning the admittance law's inner loop")
-    path = circle(RADIUS, CENTER, TURN, 4.0, float(c["mpc.period"]))
+    path = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, 4.0, float(c["mpc.period"]))
     pushes = (Push(1.0, 2.0, (15.0, 0.0)), Push(2.5, 3.0, (0.0, 15.0)))
-    tuned = tune(arm, c, controllers[LAWS[1]], path, pushes, Sensors(), evaluations)
+    tuned = tune_admittance(arm, c, controllers[COMPARED_LAWS[1]], path, pushes, Sensors(), evaluations)
     rows = []
-    for course, way, shoves, walls, limits in courses(c):
+    for course, way, shoves, walls, limits in make_courses(c):
         predictive.configure_with(limits)
         for name, controller in {**controllers, "mpc": predictive}.items():
             say(f"{course}: {name}")
-            found = trial(arm, controller, way, shoves, Sensors(), walls, seed=1)
-            rows.append(Row(course, name, outcome(arm, limits, way, found, controller)))
-    free = _free(arm, c, {**controllers, "mpc": predictive}, say)
-    return Comparison(tuple(rows), free, tuned, c, jolt(arm, path.position[::250], SUDDEN_FORCE))
+            found = run_trial(arm, controller, way, shoves, Sensors(), walls, seed=1)
+            rows.append(CourseResult(course, name, evaluate_trial(arm, limits, way, found, controller)))
+    free = _measure_free_distances(arm, c, {**controllers, "mpc": predictive}, say)
+    return Comparison(tuple(rows), free, tuned, c, measure_sudden_force(arm, path.position[::250], SUDDEN_FORCE))
 
 
-def _free(
+def _measure_free_distances(
     arm: Arm, c: Configuration, controllers: Mapping[str, Controller], say: Callable[[str], None]
 ) -> dict[str, tuple[float, ...]]:
-    _, way, pushes, walls, limits = next(courses(c))
+    _, way, pushes, walls, limits = next(make_courses(c))
     """Median distances from the ideal motion where no limit is near, m, by controller, for each seed of the noise."""
     out = {}
     for name, controller in controllers.items():
         say(f"other noise: {name}")
         if isinstance(controller, MPC):
             controller.configure_with(limits)
-        runs = [trial(arm, controller, way, pushes, Sensors(), walls, seed) for seed in range(1, SEEDS + 1)]
-        out[name] = tuple(outcome(arm, limits, way, found, controller).distance for found in runs)
+        runs = [run_trial(arm, controller, way, pushes, Sensors(), walls, seed) for seed in range(1, NOISE_SEEDS + 1)]
+        out[name] = tuple(evaluate_trial(arm, limits, way, found, controller).distance for found in runs)
     return out
 
 
-def random_runs(
+def drive_random_runs(
     count: int, tuned: dict[str, float], profile: str = "native", first: int = 0, out: Path | None = None
 ) -> Iterator[RandomRun]:
     """Drive random runs: sizes of pushes, parameters off by up to 10 %, sensor noise, and a delay of 1 to 3 ticks of
@@ -174,30 +182,32 @@ def random_runs(
         PlantError: A build fails, or a controller refuses its configuration.
 
     """
-    c = default()
+    c = make_table_configuration()
     arm, plant = (load("paper", profile, out=out, mpc=c) for _ in range(2))
-    far = c.changed(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0, limits__sudden=0.0)
+    far = c.with_changes(
+        tuple(replace(w, offset=10.0) for w in COURSE_WALLS), limits__tip_speed=1.0, limits__sudden=0.0
+    )
     predictive = MPC(arm, c)
-    admittance = Controller(arm, LAWS[1], predictive.guard, gains_of(c) | tuned)
-    path = circle(RADIUS, CENTER, TURN, 4.0, float(c["mpc.period"]))
+    admittance = Controller(arm, COMPARED_LAWS[1], predictive.guard, list_admittance_gains(c) | tuned)
+    path = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, 4.0, float(c["mpc.period"]))
     for seed in range(first, first + count):
         random = np.random.default_rng(seed)
-        vary(plant, random)
-        delay = int(random.integers(DELAYS[0], DELAYS[1] + 1))
-        pushes = _pushes(random)
+        vary_parameters(plant, random)
+        delay = int(random.integers(RANDOM_DELAYS[0], RANDOM_DELAYS[1] + 1))
+        pushes = _draw_pushes(random)
         predictive.configure_with(c)
-        hard = trial(plant, predictive, path, pushes, Sensors(delay=delay), WALLS, seed=seed)
-        ours = outcome(plant, c, path, hard, predictive)
+        hard = run_trial(plant, predictive, path, pushes, Sensors(delay=delay), COURSE_WALLS, seed=seed)
+        ours = evaluate_trial(plant, c, path, hard, predictive)
         predictive.configure_with(far)
-        loose = trial(plant, predictive, path, pushes, Sensors(delay=delay), (), seed=seed)
-        free = outcome(plant, far, path, loose, predictive)
-        found = trial(plant, admittance, path, pushes, Sensors(delay=delay), (), seed=seed)
-        theirs = outcome(plant, far, path, found, admittance)
-        lawful = legal(predictive, hard) and legal(predictive, loose)
-        yield RandomRun(seed, delay, ours, free, theirs, lawful, kept(arm, c, ours))
+        loose = run_trial(plant, predictive, path, pushes, Sensors(delay=delay), (), seed=seed)
+        free = evaluate_trial(plant, far, path, loose, predictive)
+        found = run_trial(plant, admittance, path, pushes, Sensors(delay=delay), (), seed=seed)
+        theirs = evaluate_trial(plant, far, path, found, admittance)
+        lawful = sends_legal_torques(predictive, hard) and sends_legal_torques(predictive, loose)
+        yield RandomRun(seed, delay, ours, free, theirs, lawful, keeps_soft_limits(arm, c, ours))
 
 
-def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
+def format_comparison(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
     """Format the table for a terminal, then the random runs.
 
     Args:
@@ -217,9 +227,9 @@ def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
         broken = [f"{name} {value:.3g}" for name, value in o.violated.items() if value > 0]
         out.append(f"    largest violation of each limit, SI: {', '.join(broken) or 'none'}")
     medians = ", ".join(f"{name} {1e3 * float(np.median(values)):.4f} mm" for name, values in found.free.items())
-    out.append(f"no limit near, median over {SEEDS} seeds of the noise: {medians}")
+    out.append(f"no limit near, median over {NOISE_SEEDS} seeds of the noise: {medians}")
     gains = ", ".join(f"{name} {value:.1f}" for name, value in found.tuned.gains.items())
-    out.append(f"admittance law: inner loop tuned by {METHOD}: {gains} after {found.tuned.evaluations} runs")
+    out.append(f"admittance law: inner loop tuned by {TUNING_METHOD}: {gains} after {found.tuned.evaluations} runs")
     out.append(f"{jolted(found.jolt)}; limits.sudden keeps {found.configuration['limits.sudden']:g} free")
     if not runs:
         return out
@@ -237,7 +247,7 @@ def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
     return out
 
 
-def kept(arm: Arm, c: Configuration, found: Outcome) -> bool:
+def keeps_soft_limits(arm: Arm, c: Configuration, found: TrialOutcome) -> bool:
     """Tell whether every soft limit was kept within its allowance: 1 mm at walls, 0.005 rad, 2 % of speeds and torques.
 
     Args:
@@ -249,19 +259,19 @@ def kept(arm: Arm, c: Configuration, found: Outcome) -> bool:
         Whether no excess is larger than its allowance.
 
     """
-    limits = limits_of(arm.robot, c)
+    limits = resolve_limits(arm.robot, c)
     sizes = {"motor_speed": max(limits["motor_speed"]), "joint_torque": max(limits["joint_torque"])}
     sizes["tip_speed"] = float(c["limits.tip_speed"])
     for name, over in found.violated.items():
         family = name
         if name.startswith("wall"):
             family = "wall"
-        if over > ALLOWED.get(family, SHARE * sizes.get(family, 0.0)):
+        if over > ALLOWED_EXCESS.get(family, ALLOWED_SHARE * sizes.get(family, 0.0)):
             return False
     return True
 
 
-def legal(controller: Controller, found: Trial) -> bool:
+def sends_legal_torques(controller: Controller, found: Trial) -> bool:
     """Whether every torque that was sent was finite, within the guard's limit, and no farther from the one before
     (none before the first) than the guard's rate allows in a period."""
     most, rate = controller.torque_limits()
@@ -272,7 +282,7 @@ def legal(controller: Controller, found: Trial) -> bool:
     return bool((within & (np.abs(change) <= rate * controller.guard.period * (1 + slack))).all())
 
 
-def vary(plant: Arm, random: np.random.Generator) -> None:
+def vary_parameters(plant: Arm, random: np.random.Generator) -> None:
     """Draw the parameters of a plant, each up to 10 % off its nominal value.
 
     Args:
@@ -283,15 +293,15 @@ def vary(plant: Arm, random: np.random.Generator) -> None:
     plant.parameters.reset()
     changed = {}
     for name, described in plant.parameters.described.items():
-        if name.rpartition("_")[0] in VARIED:
-            value = described.nominal * (1 + random.uniform(-SPREAD, SPREAD))
+        if name.rpartition("_")[0] in VARIED_PARAMETERS:
+            value = described.nominal * (1 + random.uniform(-PARAMETER_SPREAD, PARAMETER_SPREAD))
             changed[name] = float(np.clip(value, described.low, described.high))
     plant.parameters.update(changed)
 
 
-def _pushes(random: np.random.Generator) -> tuple[Push, ...]:
+def _draw_pushes(random: np.random.Generator) -> tuple[Push, ...]:
     out = []
     for begin in (1.0, 2.5):
-        size, angle = random.uniform(*SIZES), random.uniform(0, 2 * np.pi)
+        size, angle = random.uniform(*PUSH_SIZES), random.uniform(0, 2 * np.pi)
         out.append(Push(begin, begin + float(random.uniform(0.3, 1.0)), (size * np.cos(angle), size * np.sin(angle))))
     return tuple(out)

@@ -19,28 +19,34 @@ import numpy as np
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.reference_motion import Reference, circle
-from hdagen.mpc.benchmark.law_comparison import CENTER, RADIUS, TURN, WALLS, default
-from hdagen.mpc.closed_loop_trial import Trial, trial
+from hdagen.mpc.benchmark.law_comparison import (
+    CIRCLE_CENTER,
+    CIRCLE_RADIUS,
+    COURSE_WALLS,
+    SECONDS_PER_TURN,
+    make_table_configuration,
+)
+from hdagen.mpc.closed_loop_trial import Trial, run_trial
 from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push
 
-NODES, JOINTS = (10, 20, 50, 100, 200), (1, 2, 3, 4, 5, 6)
-SECONDS, SAMPLES = 0.6, 40
-PUSHED = (Push(0.2, 0.4, (6.0, 3.0)),)
-FAR = tuple(replace(wall, offset=10.0) for wall in WALLS)
-LINEAR, CUBIC = 1.1, 3.0  # the largest exponents
-DRIVE = (
+NODE_COUNTS, JOINT_COUNTS = (10, 20, 50, 100, 200), (1, 2, 3, 4, 5, 6)
+SCALING_SECONDS, SCALING_SAMPLES = 0.6, 40
+SCALING_PUSHES = (Push(0.2, 0.4, (6.0, 3.0)),)
+FAR_WALLS = tuple(replace(wall, offset=10.0) for wall in COURSE_WALLS)
+MOST_NODE_EXPONENT, MOST_JOINT_EXPONENT = 1.1, 3.0  # the largest exponents
+DRIVE_KEYS = (
     *("ratio", "motor_inertia", "torque_constant", "viscous_friction", "coulomb_friction", "torsional_damping"),
     *("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening"),
     "max_current",
 )
-BOX = 0.25  # N m at the motor: so low that many bounds are active
+BOX_TORQUE = 0.25  # N m at the motor: so low that many bounds are active
 
 
 @dataclass(frozen=True)
-class Size:
+class SizeTiming:
     """Medians, µs of thread time: the part before the measurement, an iteration of the interior point, a whole tick."""
 
     joints: int
@@ -54,13 +60,13 @@ class Size:
 class Scaling:
     """Sizes, and the exponents of what grows: of the iteration and of the part before, by nodes and by joints."""
 
-    by_nodes: tuple[Size, ...]
-    by_joints: tuple[Size, ...]
+    by_nodes: tuple[SizeTiming, ...]
+    by_joints: tuple[SizeTiming, ...]
     exponents: Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class Box:
+class BoxTiming:
     """The problem with bounds on the torques alone: active bounds on average; µs of thread time before the measurement,
     after it, and in all; the share of ticks that needed the interior point."""
 
@@ -72,7 +78,7 @@ class Box:
     interior: float
 
 
-def scaling(profile: str = "native", say: Callable[[str], None] = lambda _: None) -> Scaling:
+def measure_scaling(profile: str = "native", say: Callable[[str], None] = lambda _: None) -> Scaling:
     """Build and measure every size; builds are kept.
 
     Args:
@@ -87,29 +93,29 @@ def scaling(profile: str = "native", say: Callable[[str], None] = lambda _: None
 
     """
     by_nodes = []
-    for nodes in NODES:
+    for nodes in NODE_COUNTS:
         say(f"{nodes} nodes")
-        c = default().changed(WALLS, mpc__nodes=nodes)
-        by_nodes.append(_size(load("paper", profile, mpc=c), c))
+        c = make_table_configuration().with_changes(COURSE_WALLS, mpc__nodes=nodes)
+        by_nodes.append(_time_size(load("paper", profile, mpc=c), c))
     by_joints = []
-    model = load("paper", profile, mpc=default()).robot
-    c = default().changed(FAR, mpc__space="joint", limits__tip_speed=1.0)
+    model = load("paper", profile, mpc=make_table_configuration()).robot
+    c = make_table_configuration().with_changes(FAR_WALLS, mpc__space="joint", limits__tip_speed=1.0)
     with tempfile.TemporaryDirectory() as folder:
-        for joints in JOINTS:
+        for joints in JOINT_COUNTS:
             say(f"{joints} joints")
             path = Path(folder) / "robot.toml"
-            path.write_text(chain(model, joints), encoding="utf-8")
-            by_joints.append(_size(load(path, profile, mpc=c), c))
+            path.write_text(format_chain_robot(model, joints), encoding="utf-8")
+            by_joints.append(_time_size(load(path, profile, mpc=c), c))
     node_counts, joint_counts = [s.nodes for s in by_nodes], [s.joints for s in by_joints]
     exponents = {}
     for what in ("iteration", "before"):
-        of_nodes = grown(node_counts, [getattr(size, what) for size in by_nodes])
-        of_joints = grown(joint_counts, [getattr(size, what) for size in by_joints])
+        of_nodes = fit_exponent(node_counts, [getattr(size, what) for size in by_nodes])
+        of_joints = fit_exponent(joint_counts, [getattr(size, what) for size in by_joints])
         exponents[what] = (of_nodes, of_joints)
     return Scaling(tuple(by_nodes), tuple(by_joints), exponents)
 
 
-def grown(size: Sequence[float], cost: Sequence[float]) -> float:
+def fit_exponent(size: Sequence[float], cost: Sequence[float]) -> float:
     """Fit the exponent p of cost = a size^p, by least squares of the logarithms.
 
     Args:
@@ -123,7 +129,7 @@ def grown(size: Sequence[float], cost: Sequence[float]) -> float:
     return float(np.polyfit(np.log(size), np.log(cost), 1)[0])
 
 
-def chain(robot: Mapping[str, Any], joints: int) -> str:
+def format_chain_robot(robot: Mapping[str, Any], joints: int) -> str:
     """Write the robot.toml of a chain of equal joints.
 
     Args:
@@ -149,44 +155,44 @@ def chain(robot: Mapping[str, Any], joints: int) -> str:
 
     for _ in range(joints):
         lines += ["", "[[joint]]", *stated(last, ("length", "mass", "center_of_mass", "inertia"))]
-        lines += ["[joint.drive]", *stated(last["drive"], DRIVE)]
+        lines += ["[joint.drive]", *stated(last["drive"], DRIVE_KEYS)]
         lines += ["[joint.limits]", *stated(last["limits"], ("position", "speed", "torque", "motor_torque_rate"))]
         lines += ["[joint.sensor]", *stated(last["sensor"], tuple(n for n in last["sensor"] if "encoder" in n))]
     return "\n".join(lines) + "\n"
 
 
-def _path(arm: Arm, space: str, seconds: float, period: float) -> Reference:
+def _make_path(arm: Arm, space: str, seconds: float, period: float) -> Reference:
     if space == "tip":
-        return circle(RADIUS, CENTER, TURN, seconds, period)
+        return circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, seconds, period)
     time = np.arange(round(seconds / period)) * period
-    turn = 2 * np.pi / TURN
+    turn = 2 * np.pi / SECONDS_PER_TURN
     swing = 0.1 / arm.n * np.ones(arm.n)
     way = [np.outer(wave, swing) for wave in (1 - np.cos(turn * time), turn * np.sin(turn * time))]
     return Reference("joint", period, 0.5 + way[0], way[1], np.outer(turn**2 * np.cos(turn * time), swing))
 
 
-def _size(arm: Arm, c: Configuration) -> Size:
+def _time_size(arm: Arm, c: Configuration) -> SizeTiming:
     from hdagen.mpc.benchmark.solver_timing import INTERIOR, Solver
 
-    found = _loop(arm, c, SECONDS, PUSHED)
+    found = _run_loop(arm, c, SCALING_SECONDS, SCALING_PUSHES)
     solver, taken = Solver(arm), []
-    chosen = np.linspace(50, len(found.problems) - 1, SAMPLES).astype(int)
+    chosen = np.linspace(50, len(found.problems) - 1, SCALING_SAMPLES).astype(int)
     for k in np.repeat(chosen, 3):
         solver.solve(found.problems[k][0], INTERIOR)
-        taken.append(solver.taken / 1e3 / max(1.0, solver.solution[-2]))
+        taken.append(solver.elapsed_ns / 1e3 / max(1.0, solver.solution[-2]))
     times = 1e6 * np.median(found.times[50:], axis=0)
-    return Size(arm.n, len(c.grid), float(times[0]), float(np.median(taken)), float(times.sum()))
+    return SizeTiming(arm.n, len(c.grid), float(times[0]), float(np.median(taken)), float(times.sum()))
 
 
-def _loop(arm: Arm, c: Configuration, seconds: float, pushes: Sequence[Push]) -> Trial:
-    path = _path(arm, str(c["mpc.space"]), seconds, float(c["mpc.period"]))
-    found = trial(arm, MPC(arm, c), path, pushes, Sensors(), (), seed=1, keep=True)
+def _run_loop(arm: Arm, c: Configuration, seconds: float, pushes: Sequence[Push]) -> Trial:
+    path = _make_path(arm, str(c["mpc.space"]), seconds, float(c["mpc.period"]))
+    found = run_trial(arm, MPC(arm, c), path, pushes, Sensors(), (), seed=1, keep=True)
     if (found.simulation.status < 0).any():
         raise PlantError(f"the loop of {arm.n} joints and {len(c.grid)} nodes was refused; its times say nothing.")
     return found
 
 
-def box(profile: str = "native", seconds: float = 4.0) -> Box:
+def time_torque_box(profile: str = "native", seconds: float = 4.0) -> BoxTiming:
     """Time the same solver on a closed loop that only the motors' torques limit.
 
     Args:
@@ -202,20 +208,24 @@ def box(profile: str = "native", seconds: float = 4.0) -> Box:
     """
     free = dict.fromkeys(("motor_speed", "joint_torque", "joint_high", "torque_rate"), 1e6)
     limits = {f"limits__{name}": value for name, value in free.items()}
-    c = default().changed(FAR, **limits, limits__joint_low=-1e6, limits__tip_speed=100.0, limits__motor_torque=BOX)
+    c = make_table_configuration().with_changes(
+        FAR_WALLS, **limits, limits__joint_low=-1e6, limits__tip_speed=100.0, limits__motor_torque=BOX_TORQUE
+    )
     arm = load("paper", profile, mpc=c)
     forces = itertools.cycle(((-25.0, 15.0), (25.0, 10.0)))
     pushes = [Push(t, t + 0.25, force) for t, force in zip(np.arange(0.5, seconds, 0.5), forces, strict=False)]
-    found = _loop(arm, c, seconds, pushes)
+    found = _run_loop(arm, c, seconds, pushes)
     times = 1e6 * found.times[50:]
     active = float(np.mean([sum(r.active.values()) for r in found.reports[50:]]))
     inside = float(np.mean([r.interior > 0 for r in found.reports[50:]]))
     before, after = np.median(times, axis=0)
     both = times.sum(1)
-    return Box(active, float(before), float(after), float(np.median(both)), float(np.quantile(both, 0.99)), inside)
+    return BoxTiming(
+        active, float(before), float(after), float(np.median(both)), float(np.quantile(both, 0.99)), inside
+    )
 
 
-def lines(found: Scaling, boxed: Box) -> list[str]:
+def format_scaling(found: Scaling, boxed: BoxTiming) -> list[str]:
     """Format times and exponents for a terminal.
 
     Args:

@@ -14,19 +14,26 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.reference_motion import circle
-from hdagen.mpc.benchmark.law_comparison import CENTER, HARD, RADIUS, TURN, WALLS, default
-from hdagen.mpc.closed_loop_trial import Trial, trial
+from hdagen.mpc.benchmark.law_comparison import (
+    CIRCLE_CENTER,
+    CIRCLE_RADIUS,
+    COURSE_WALLS,
+    HARD_PUSHES,
+    SECONDS_PER_TURN,
+    make_table_configuration,
+)
+from hdagen.mpc.closed_loop_trial import Trial, run_trial
 from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.simulation.simulated_sensors import Sensors
 
-SECONDS = 7.0  # of closed loop
+TIMED_SECONDS = 7.0  # of closed loop
 RICCATI, OSQP, INTERIOR = range(3)
-TOLERANCES = (1e-3, 1e-5)
+OSQP_TOLERANCES = (1e-3, 1e-5)
 
 
 @dataclass(frozen=True)
-class Times:
+class SolverTimes:
     """µs of thread time: median, 90 %, 99 %, largest; iterations (mean, largest); share of solved."""
 
     name: str
@@ -41,23 +48,23 @@ class Times:
 
 
 @dataclass(frozen=True)
-class Timing:
+class MpcTiming:
     """All times. ``phases``: preparation, tick, both; ``active``: mean number of active rows by family;
     ``share``: of the period that p99 of the whole tick takes."""
 
     joints: int
     nodes: int
     samples: int
-    phases: tuple[Times, ...]
-    solvers: tuple[Times, ...]
+    phases: tuple[SolverTimes, ...]
+    solvers: tuple[SolverTimes, ...]
     active: dict[str, float]
     interior_share: float
     share: float
     machine_quiet: float  # p99 over median of the time of equal short work: the share of the machine itself
 
 
-def record(
-    profile: str = "native", seconds: float = SECONDS, c: Configuration | None = None
+def record_closed_loop(
+    profile: str = "native", seconds: float = TIMED_SECONDS, c: Configuration | None = None
 ) -> tuple[Arm, Configuration, Trial]:
     """Record the closed loop of the table's second course, with every problem kept.
 
@@ -70,11 +77,11 @@ def record(
         The arm, its configuration, and the run.
 
     """
-    c = c or default()
+    c = c or make_table_configuration()
     arm = load("paper", profile, mpc=c)
-    path = circle(RADIUS, CENTER, TURN, seconds, float(c["mpc.period"]))
-    pushes = [push for push in HARD if push.start < seconds]
-    found = trial(arm, MPC(arm, c), path, pushes, Sensors(), WALLS, seed=1, keep=True)
+    path = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, seconds, float(c["mpc.period"]))
+    pushes = [push for push in HARD_PUSHES if push.start < seconds]
+    found = run_trial(arm, MPC(arm, c), path, pushes, Sensors(), COURSE_WALLS, seed=1, keep=True)
     return arm, c, found
 
 
@@ -86,8 +93,14 @@ class Solver:
         self.problem = np.zeros(module.length("mpc_solve", "problem"))
         self.solution = np.zeros(module.length("mpc_solve", "solution"))
         work = np.zeros(module.length("mpc_solve", "work"), np.uint8)
-        self.which, self.how, self.status = np.zeros(1, np.int32), np.array([1e-3, 4000.0]), np.zeros(1, np.int32)
-        self._call = module.bind("mpc_solve", self.problem, self.solution, work, self.which, self.how, self.status)
+        self.method, self.method_options, self.status = (
+            np.zeros(1, np.int32),
+            np.array([1e-3, 4000.0]),
+            np.zeros(1, np.int32),
+        )
+        self._call = module.bind(
+            "mpc_solve", self.problem, self.solution, work, self.method, self.method_options, self.status
+        )
 
     def solve(
         self, problem: Array, which: int, start: Array | None = None, tolerance: float = 1e-3, cap: int = 4000
@@ -105,19 +118,19 @@ class Solver:
             The status; 0: solved.
 
         """
-        self.problem[:], self.which[0], self.how[:] = problem, which, (tolerance, cap)
+        self.problem[:], self.method[0], self.method_options[:] = problem, which, (tolerance, cap)
         self.solution[:] = 0.0
         if start is not None:
             self.solution[:] = start
         begun = thread_time_ns()
         self._call.run()
-        self.taken = thread_time_ns() - begun
+        self.elapsed_ns = thread_time_ns() - begun
         return int(self.status[0])
 
 
-def bench(
-    profile: str = "native", seconds: float = SECONDS, every: int = 5, say: Callable[[str], None] = lambda _: None
-) -> Timing:
+def time_solvers(
+    profile: str = "native", seconds: float = TIMED_SECONDS, every: int = 5, say: Callable[[str], None] = lambda _: None
+) -> MpcTiming:
     """Record the closed loop, then solve its problems again with every solver, in turns.
 
     Args:
@@ -131,11 +144,11 @@ def bench(
 
     """
     say("closed loop")
-    arm, c, found = record(profile, seconds)
+    arm, c, found = record_closed_loop(profile, seconds)
     n, nodes = arm.n, len(c.grid)
     chosen = range(1, len(found.problems), every)
     runs: dict[str, list[tuple[float, float, bool, float]]] = {}
-    others = {f"osqp at {t:g}": (OSQP, t, Solver(arm)) for t in TOLERANCES} | {
+    others = {f"osqp at {t:g}": (OSQP, t, Solver(arm)) for t in OSQP_TOLERANCES} | {
         "interior point alone": (INTERIOR, 1e-3, Solver(arm))
     }
     ours = Solver(arm)
@@ -144,46 +157,48 @@ def bench(
         if count % 100 == 0:
             say(f"problem {count} of {len(chosen)}")
         problem = found.problems[k][0]
-        before = _shifted(found, k, nodes * (n + len(arm.manifest["mpc"]["state"])), nodes * rows)
+        before = _take_last_multipliers(found, k, nodes * (n + len(arm.manifest["mpc"]["state"])), nodes * rows)
         status = ours.solve(problem, RICCATI, before)
         first = ours.solution[:n].copy()
-        runs.setdefault("riccati", []).append((ours.taken, ours.solution[-2], status == 0, 0.0))
+        runs.setdefault("riccati", []).append((ours.elapsed_ns, ours.solution[-2], status == 0, 0.0))
         for name, (which, tolerance, solver) in others.items():
             if name == "osqp at 1e-05" and count % 5:
                 continue
             status = solver.solve(problem, which, None, tolerance)
             apart = float(np.abs(solver.solution[:n] - first).max())
-            runs.setdefault(name, []).append((solver.taken, solver.solution[-2], status == 0, apart))
-    solvers = tuple(_times(name, values) for name, values in runs.items())
-    return _result(arm, c, found, solvers)
+            runs.setdefault(name, []).append((solver.elapsed_ns, solver.solution[-2], status == 0, apart))
+    solvers = tuple(_summarize_times(name, values) for name, values in runs.items())
+    return _build_timing(arm, c, found, solvers)
 
 
-def _shifted(found: Trial, k: int, at: int, rows: int) -> Array:
+def _take_last_multipliers(found: Trial, k: int, at: int, rows: int) -> Array:
     """The solution of the tick before, whose multipliers the next one starts from."""
     start = np.zeros_like(found.problems[k][1])
     start[at : at + rows] = found.problems[k - 1][1][at : at + rows]
     return start
 
 
-def _times(name: str, values: list[tuple[float, float, bool, float]]) -> Times:
+def _summarize_times(name: str, values: list[tuple[float, float, bool, float]]) -> SolverTimes:
     taken, iterations, solved, apart = (np.array(column, float) for column in zip(*values, strict=True))
     low, mid, high = np.quantile(taken / 1e3, [0.5, 0.9, 0.99])
-    return Times(name, float(low), float(mid), float(high), float(taken.max() / 1e3), float(iterations.mean()),
+    return SolverTimes(name, float(low), float(mid), float(high), float(taken.max() / 1e3), float(iterations.mean()),
                  float(iterations.max()), float(solved.mean()), float(np.median(apart)))  # fmt: skip
 
 
-def _result(arm: Arm, c: Configuration, found: Trial, solvers: tuple[Times, ...]) -> Timing:
+def _build_timing(arm: Arm, c: Configuration, found: Trial, solvers: tuple[SolverTimes, ...]) -> MpcTiming:
     times = 1e9 * found.times[10:]
     inner = np.array([r.interior for r in found.reports[10:]])
     solved = [r.solved == 0 for r in found.reports[10:]]
     parts = {"preparation": times[:, 0], "tick": times[:, 1], "both": times.sum(1)}
     zeros = [0.0] * len(times)
-    phases = tuple(_times(name, list(zip(part, inner, solved, zeros, strict=True))) for name, part in parts.items())
+    phases = tuple(
+        _summarize_times(name, list(zip(part, inner, solved, zeros, strict=True))) for name, part in parts.items()
+    )
     active = {}
     for name in found.reports[0].active:
         active[name] = float(np.mean([r.active[name] for r in found.reports]))
     period = float(c["mpc.period"])
-    return Timing(
+    return MpcTiming(
         arm.n,
         len(c.grid),
         len(times),
@@ -192,11 +207,11 @@ def _result(arm: Arm, c: Configuration, found: Trial, solvers: tuple[Times, ...]
         active,
         float((inner > 0).mean()),
         phases[2].p99 * 1e-6 / period,
-        _quiet(),
+        _measure_machine_noise(),
     )
 
 
-def _quiet() -> float:
+def _measure_machine_noise() -> float:
     """p99 over median time of equal short work."""
     work, taken = np.ones(64), []
     for _ in range(2000):
@@ -207,7 +222,7 @@ def _quiet() -> float:
     return float(np.quantile(taken, 0.99) / np.median(taken))
 
 
-def lines(found: Timing) -> list[str]:
+def format_timing(found: MpcTiming) -> list[str]:
     """Format the times for a terminal.
 
     Args:

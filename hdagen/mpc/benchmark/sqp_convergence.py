@@ -14,20 +14,26 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.reference_motion import Reference, circle
-from hdagen.mpc.benchmark.law_comparison import CENTER, RADIUS, TURN, courses, default
-from hdagen.mpc.closed_loop_trial import Trial, outcome, trial
-from hdagen.mpc.configuration import Configuration, gains_of
+from hdagen.mpc.benchmark.law_comparison import (
+    CIRCLE_CENTER,
+    CIRCLE_RADIUS,
+    SECONDS_PER_TURN,
+    make_courses,
+    make_table_configuration,
+)
+from hdagen.mpc.closed_loop_trial import Trial, evaluate_trial, run_trial
+from hdagen.mpc.configuration import Configuration, list_admittance_gains
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import ideal
+from hdagen.simulation.simulator import simulate_ideal_admittance
 
-STEPS, SECONDS = 30, 4.0
-SEEDS = 5  # the noise alone moves the price of a run by half a percent
-BAR = 5e-3  # of the converged problem's cost
+CONVERGED_STEPS, CONVERGED_SECONDS = 30, 4.0
+CONVERGED_SEEDS = 5  # the noise alone moves the price of a run by half a percent
+MOST_EXTRA_COST = 5e-3  # of the converged problem's cost
 
 
 @dataclass(frozen=True)
-class Loop:
+class LoopCosts:
     """A course driven with one step a tick and converged, over the same seeds of the noise: mean prices of both, the
     share that one step costs more, and the largest violation of any limit in either (SI of its family)."""
 
@@ -38,7 +44,7 @@ class Loop:
     violated: float
 
 
-def loops(profile: str = "native", say: Callable[[str], None] = lambda _: None) -> tuple[Loop, ...]:
+def compare_loop_costs(profile: str = "native", say: Callable[[str], None] = lambda _: None) -> tuple[LoopCosts, ...]:
     """Drive both courses of the table with one step a tick and with the converged problem.
 
     Args:
@@ -52,25 +58,27 @@ def loops(profile: str = "native", say: Callable[[str], None] = lambda _: None) 
         PlantError: A build fails, or the controller refuses its configuration.
 
     """
-    c = default()
+    c = make_table_configuration()
     arm = load("paper", profile, mpc=c)
     controller, out = MPC(arm, c), []
-    path = circle(RADIUS, CENTER, TURN, SECONDS, float(c["mpc.period"]))
-    for course, _, pushes, walls, limits in courses(c):
-        prices, worst = {1: 0.0, STEPS: 0.0}, 0.0
-        felt = [push for push in pushes if push.start < SECONDS]
+    path = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, CONVERGED_SECONDS, float(c["mpc.period"]))
+    for course, _, pushes, walls, limits in make_courses(c):
+        prices, worst = {1: 0.0, CONVERGED_STEPS: 0.0}, 0.0
+        felt = [push for push in pushes if push.start < CONVERGED_SECONDS]
         for steps in prices:
-            controller.configure_with(limits.changed(limits.walls, mpc__steps=steps))
-            for seed in range(1, SEEDS + 1):
-                say(f"{course}: {steps} steps a tick, noise {seed} of {SEEDS}")
-                found = trial(arm, controller, path, felt, Sensors(), walls, seed=seed)
-                prices[steps] += price(arm, limits, path, found, controller) / SEEDS
-                worst = max(worst, *outcome(arm, limits, path, found, controller).violated.values())
-        out.append(Loop(course, prices[1], prices[STEPS], prices[1] / prices[STEPS] - 1, worst))
+            controller.configure_with(limits.with_changes(limits.walls, mpc__steps=steps))
+            for seed in range(1, CONVERGED_SEEDS + 1):
+                say(f"{course}: {steps} steps a tick, noise {seed} of {CONVERGED_SEEDS}")
+                found = run_trial(arm, controller, path, felt, Sensors(), walls, seed=seed)
+                prices[steps] += compute_loop_cost(arm, limits, path, found, controller) / CONVERGED_SEEDS
+                worst = max(worst, *evaluate_trial(arm, limits, path, found, controller).violated.values())
+        out.append(
+            LoopCosts(course, prices[1], prices[CONVERGED_STEPS], prices[1] / prices[CONVERGED_STEPS] - 1, worst)
+        )
     return tuple(out)
 
 
-def price(arm: Arm, c: Configuration, path: Reference, found: Trial, controller: MPC) -> float:
+def compute_loop_cost(arm: Arm, c: Configuration, path: Reference, found: Trial, controller: MPC) -> float:
     """Compute the controller's cost along a run.
 
     Args:
@@ -85,11 +93,11 @@ def price(arm: Arm, c: Configuration, path: Reference, found: Trial, controller:
 
     """
     s, h = found.simulation, path.period
-    goal = path.position + ideal(arm, controller, s.push, h, gains_of(c))
+    goal = path.position + simulate_ideal_admittance(arm, controller, s.push, h, list_admittance_gains(c))
     node = round(c.grid[0] / h)
     share = s.torque / np.array(arm.manifest["mpc"]["torque"])
-    q, v = (s.state[:, _columns(arm, what)] for what in ("position", "velocity"))
-    held = share - _hold(arm, q, v, s.push) / np.array(arm.manifest["mpc"]["torque"])
+    q, v = (s.state[:, _joint_columns(arm, what)] for what in ("position", "velocity"))
+    held = share - _holding_torque(arm, q, v, s.push) / np.array(arm.manifest["mpc"]["torque"])
     terms = {
         "position": s.tip - goal,
         "velocity": np.gradient(s.tip - goal, h, axis=0),
@@ -100,11 +108,11 @@ def price(arm: Arm, c: Configuration, path: Reference, found: Trial, controller:
     return float(sum(0.5 * c[f"weights.{name}"] * np.sum(value**2) for name, value in terms.items()) / len(share))
 
 
-def _columns(arm: Arm, what: str) -> list[int]:
+def _joint_columns(arm: Arm, what: str) -> list[int]:
     return [arm.index(f"joint_{what}_{j}") for j in range(1, arm.n + 1)]
 
 
-def _hold(arm: Arm, q: Array, v: Array, force: Array) -> Array:
+def _holding_torque(arm: Arm, q: Array, v: Array, force: Array) -> Array:
     """Motor torque that holds the arm at rest under the force on its tip (T, n)."""
     ratio = np.array([arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1)])
     gravity = arm.evaluate("gravity_torque", q=q)["g"]
@@ -112,7 +120,7 @@ def _hold(arm: Arm, q: Array, v: Array, force: Array) -> Array:
     return np.asarray((gravity - np.einsum("tji,ti->tj", J, force)) / ratio)
 
 
-def lines(found: tuple[Loop, ...]) -> list[str]:
+def format_loop_costs(found: tuple[LoopCosts, ...]) -> list[str]:
     """Format the prices for a terminal.
 
     Args:
@@ -123,14 +131,15 @@ def lines(found: tuple[Loop, ...]) -> list[str]:
 
     """
     out = [
-        f"closed loop, one step a tick beside the converged problem's (mean cost a tick, {SEEDS} seeds of the noise):"
+        f"closed loop, one step a tick beside the converged problem's (mean cost a tick, {CONVERGED_SEEDS} seeds of the"
+        " noise):"
     ]
     for loop in found:
         met = "missed"
-        if loop.more <= BAR:
+        if loop.more <= MOST_EXTRA_COST:
             met = "met"
         out.append(
             f"  {loop.course}: {loop.once:.5g} and {loop.converged:.5g}, {loop.more:+.2%} "
-            f"(bar: at most {BAR:+.1%}: {met}); largest violation {loop.violated:.2g}"
+            f"(bar: at most {MOST_EXTRA_COST:+.1%}: {met}); largest violation {loop.violated:.2g}"
         )
     return out

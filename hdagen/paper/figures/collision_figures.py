@@ -8,34 +8,34 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.paper.figures.collision_runs import (
-    BY_B,
-    BY_K,
-    DEEP,
-    FAST,
-    PLACE,
-    SENSIBLE,
+    BOTTLE_OVERLAP,
+    BOTTLE_PLACE,
+    COLLISION_SETS,
+    DAMPING_VALUES,
+    STIFFNESS_VALUES,
     TABLE_5,
-    Collided,
-    collided,
-    farther,
-    sets,
-    starts,
-    vibrations,
+    VIBRATION_FREQUENCY,
+    CollisionRun,
+    compare_push_back,
+    measure_start_errors,
+    measure_vibrations,
+    run_collision,
+    run_parameter_sets,
 )
-from hdagen.paper.prototype.bottle import FRICTION, GRAVITY, MASS, RADIUS, STIFFNESS
-from hdagen.paper.prototype.figure_result import Axes, Choice, Claim, Curve, Grid, Result, path
+from hdagen.paper.prototype.bottle import BOTTLE_FRICTION, BOTTLE_MASS, BOTTLE_RADIUS, BOTTLE_STIFFNESS, GRAVITY
+from hdagen.paper.prototype.figure_result import Axes, Choice, Claim, Curve, Grid, Result, plot_path
 from hdagen.paper.prototype.virtual_prototype import Bench
 
-SEEDS = (1, 2)  # of the sensors' noise
+NOISE_SEEDS = (1, 2)  # of the sensors' noise
 
 
-def fig18(bench: Bench) -> Result:
+def make_fig18(bench: Bench) -> Result:
     """Make Fig. 18: the set-up, the bottle's path, force and clearance."""
-    runs = sets(bench, "admittance")
-    predictive = collided(bench, "predictive", SENSIBLE[1])
+    runs = run_parameter_sets(bench, "admittance")
+    predictive = run_collision(bench, "predictive", COLLISION_SETS[1])
     parts = [
-        _plan(runs[0], runs[2]),
-        _over_time(
+        _draw_plan(runs[0], runs[2]),
+        _draw_over_time(
             "contact force",
             "force on the tip (N)",
             runs,
@@ -48,10 +48,14 @@ def fig18(bench: Bench) -> Result:
                 dash="dotted",
             ),
         ),
-        _over_time("way of the bottle", "slid (m)", runs, [np.linalg.norm(r.place - r.place[0], axis=1) for r in runs]),
-        _over_time("clearance of tip and bottle", "distance (m)", runs, [-one.depth for one in runs]),
+        _draw_over_time(
+            "way of the bottle", "slid (m)", runs, [np.linalg.norm(r.place - r.place[0], axis=1) for r in runs]
+        ),
+        _draw_over_time("clearance of tip and bottle", "distance (m)", runs, [-one.depth for one in runs]),
     ]
-    numbers = {f"set_{k + 1}": one.numbers() for k, one in enumerate(runs)} | {"predictive": predictive.numbers()}
+    numbers = {f"set_{k + 1}": one.collect_numbers() for k, one in enumerate(runs)} | {
+        "predictive": predictive.collect_numbers()
+    }
     first = numbers["set_1"]
     claims = [
         Claim(
@@ -60,12 +64,13 @@ def fig18(bench: Bench) -> Result:
             f"the softer two go around it, at most {1e3 * (numbers['set_3']['pushed_back'] or 0):.0f} mm off the "
             "circle",
             None,
-            f"it slides from {FRICTION * MASS * GRAVITY:.1f} N on",
+            f"it slides from {BOTTLE_FRICTION * BOTTLE_MASS * GRAVITY:.1f} N on",
         )
     ]
     text = (
-        f"A bottle of {MASS:g} kg and {1e3 * RADIUS:g} mm radius stands {1e3 * DEEP:g} mm inside the circle, presses "
-        "back as a spring with a damper and slides with dry friction. Admittance control, sets as in Fig. 19."
+        f"A bottle of {BOTTLE_MASS:g} kg and {1e3 * BOTTLE_RADIUS:g} mm radius stands {1e3 * BOTTLE_OVERLAP:g} mm"
+        " inside the circle, presses back as a spring with a damper and slides with dry friction. Admittance control,"
+        " sets as in Fig. 19."
     )
     return Result(
         "fig18",
@@ -75,26 +80,28 @@ def fig18(bench: Bench) -> Result:
         claims,
         numbers,
         2,
-        _choices(bench),
+        _make_choices(bench),
         {f"set{k}": one.run.log for k, one in enumerate(runs, 1)} | {"predictive": predictive.run.log},
     )
 
 
-def _plan(stiff: Collided, soft: Collided) -> Axes:
+def _draw_plan(stiff: CollisionRun, soft: CollisionRun) -> Axes:
     """From above: circle, bottle before and after, tips."""
     around = np.linspace(0, 2 * np.pi, 90)
-    ring = RADIUS * np.stack([np.cos(around), np.sin(around)], axis=1)
+    ring = BOTTLE_RADIUS * np.stack([np.cos(around), np.sin(around)], axis=1)
     curves = [
-        path("circle", stiff.run.path, color="grey", dash="dashed", width=1.0),
-        path("bottle, before", np.array(PLACE) + ring, color="ink", dash="dotted", width=1.0),
-        path("bottle, after set 1", stiff.place[-1] + ring, color="ink", dash="solid", width=1.0),
-        path("tip, set 1", stiff.run.simulation.tip, color="blue", dash="solid"),
-        path("tip, set 3", soft.run.simulation.tip, color="vermilion", dash="dash-dotted"),
+        plot_path("circle", stiff.run.path, color="grey", dash="dashed", width=1.0),
+        plot_path("bottle, before", np.array(BOTTLE_PLACE) + ring, color="ink", dash="dotted", width=1.0),
+        plot_path("bottle, after set 1", stiff.place[-1] + ring, color="ink", dash="solid", width=1.0),
+        plot_path("tip, set 1", stiff.run.simulation.tip, color="blue", dash="solid"),
+        plot_path("tip, set 3", soft.run.simulation.tip, color="vermilion", dash="dash-dotted"),
     ]
     return Axes("(b) from above", "x (m)", "y (m)", curves, equal=True)
 
 
-def _over_time(heading: str, label: str, runs: Sequence[Collided], values: Sequence[Array], *beside: Curve) -> Axes:
+def _draw_over_time(
+    heading: str, label: str, runs: Sequence[CollisionRun], values: Sequence[Array], *beside: Curve
+) -> Axes:
     """A curve for each set, and others beside them."""
     curves = [
         Curve(f"set {k}", one.run.log.time, column) for k, (one, column) in enumerate(zip(runs, values, strict=True), 1)
@@ -102,9 +109,9 @@ def _over_time(heading: str, label: str, runs: Sequence[Collided], values: Seque
     return Axes(heading, "time (s)", label, [*curves, *beside])
 
 
-def _trajectories(bench: Bench, name: str, law: str) -> Result:
-    found = {"": sets(bench, law), "Table V, ": sets(bench, law, published=True)}
-    predictive = collided(bench, "predictive", SENSIBLE[1])
+def _make_trajectories(bench: Bench, name: str, law: str) -> Result:
+    found = {"": run_parameter_sets(bench, law), "Table V, ": run_parameter_sets(bench, law, published=True)}
+    predictive = run_collision(bench, "predictive", COLLISION_SETS[1])
     parts = []
     for words, runs in found.items():
         for axis, letter in enumerate("xy"):
@@ -114,7 +121,7 @@ def _trajectories(bench: Bench, name: str, law: str) -> Result:
                 Curve("trajectory input", time, runs[0].run.path[:, axis], color="grey", dash="dashed", width=1.0)
             ]
             curves += [
-                Curve(f"MBK{k + 1}", time, _seen(one)[:, axis], width=width)
+                Curve(f"MBK{k + 1}", time, _tip_until_lost(one)[:, axis], width=width)
                 for k, (one, width) in enumerate(zip(runs, (2.6, 1.9, 1.2), strict=True))
             ]
             if not words:
@@ -123,44 +130,44 @@ def _trajectories(bench: Bench, name: str, law: str) -> Result:
                 curves.append(Curve("predictive, MBK2", time, tip, color="ink", dash="dotted", width=1.2))
             parts.append(Axes(label, "time (s)", f"{letter} (m)", curves))
     numbers: dict[str, object] = {
-        "sensible": [one.numbers() for one in found[""]],
-        "published": [one.numbers() for one in found["Table V, "]],
+        "sensible": [one.collect_numbers() for one in found[""]],
+        "published": [one.collect_numbers() for one in found["Table V, "]],
     }
     text = (
         f"The circle with the bottle in its way under {law} control; below with the sets of Table V as published, "
         "drawn until the guard stops the arm."
     )
-    numbers["vibration"] = vibrations(bench, law)
+    numbers["vibration"] = measure_vibrations(bench, law)
     if law == "impedance":
-        numbers["start"] = starts(bench)
+        numbers["start"] = measure_start_errors(bench)
     logs = {f"set{k}": one.run.log for k, one in enumerate(found[""], 1)}
     logs |= {f"table5_set{k}": one.run.log for k, one in enumerate(found["Table V, "], 1)}
     logs["predictive_set2"] = predictive.run.log
-    return Result(name, f"Collision, {law} control", text, parts, _claims(law, bench), numbers, 2, logs=logs)
+    return Result(name, f"Collision, {law} control", text, parts, _make_claims(law, bench), numbers, 2, logs=logs)
 
 
-def _seen(one: Collided) -> Array:
+def _tip_until_lost(one: CollisionRun) -> Array:
     """The tip until the guard stopped the arm."""
     tip = one.run.simulation.tip.copy()
-    if one.run.lost is not None:
-        tip[one.run.log.time > one.run.lost] = np.nan
+    if one.run.lost_at is not None:
+        tip[one.run.log.time > one.run.lost_at] = np.nan
     return tip
 
 
-def fig19(bench: Bench) -> Result:
+def make_fig19(bench: Bench) -> Result:
     """Make Fig. 19: admittance control against the bottle."""
-    return _trajectories(bench, "fig19", "admittance")
+    return _make_trajectories(bench, "fig19", "admittance")
 
 
-def fig20(bench: Bench) -> Result:
+def make_fig20(bench: Bench) -> Result:
     """Make Fig. 20: impedance control against the bottle."""
-    return _trajectories(bench, "fig20", "impedance")
+    return _make_trajectories(bench, "fig20", "impedance")
 
 
-def _claims(law: str, bench: Bench) -> list[Claim]:
-    runs, published = sets(bench, law), sets(bench, law, published=True)
-    back = [1e3 * one.pushed_back for one in runs]
-    by = vibrations(bench, law)
+def _make_claims(law: str, bench: Bench) -> list[Claim]:
+    runs, published = run_parameter_sets(bench, law), run_parameter_sets(bench, law, published=True)
+    back = [1e3 * one.largest_push_back for one in runs]
+    by = measure_vibrations(bench, law)
     falls_with_b = bool(np.all(np.diff(by["B"]) < 0))
     lost = [f"set {k} {_describe_outcome(one)}" for k, one in enumerate(published, 1)]
     shown = {letter: _in_micrometres(values) for letter, values in by.items()}
@@ -176,19 +183,19 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
         ),
         Claim(
             "a larger B reduces the vibration",
-            f"B of {BY_B} N s/m: {shown['B']} µm rms above {FAST:g} Hz",
+            f"B of {DAMPING_VALUES} N s/m: {shown['B']} µm rms above {VIBRATION_FREQUENCY:g} Hz",
             falls_with_b,
         ),
         Claim(
             "a smaller K reduces the vibration",
-            f"K of {BY_K} N/m: {shown['K']} µm rms above {FAST:g} Hz",
+            f"K of {STIFFNESS_VALUES} N/m: {shown['K']} µm rms above {VIBRATION_FREQUENCY:g} Hz",
             by["K"][-1] > 1.1 * by["K"][0],
             "what vibrates is the drive against its friction and its Hall sensor, not the mass on the wanted spring",
         ),
         Claim(
             "as the compliance increases, the vibration becomes more significant (of Fig. 19 and 20)",
-            f"sets 1 to 3: {_in_micrometres([one.vibration for one in runs])} µm rms",
-            bool(runs[2].vibration > runs[0].vibration),
+            f"sets 1 to 3: {_in_micrometres([one.vibration_rms for one in runs])} µm rms",
+            bool(runs[2].vibration_rms > runs[0].vibration_rms),
             "the paper says both this and the opposite; with B raised as K falls the damping grows",
         ),
         Claim(
@@ -199,16 +206,16 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
         ),
     ]
     if law == "impedance":
-        claims.append(_start(bench))
-        claims.insert(1, _less(bench))
+        claims.append(_claim_start_error(bench))
+        claims.insert(1, _claim_smaller_displacement(bench))
     return claims
 
 
-def _describe_outcome(one: Collided) -> str:
+def _describe_outcome(one: CollisionRun) -> str:
     """The largest distance from the path, or the time at which the guard stopped the arm, in words."""
-    if one.run.lost is None:
-        return f"{1e3 * one.pushed_back:.1f} mm"
-    return f"stopped at {one.run.lost:.2f} s"
+    if one.run.lost_at is None:
+        return f"{1e3 * one.largest_push_back:.1f} mm"
+    return f"stopped at {one.run.lost_at:.2f} s"
 
 
 def _in_micrometres(values: Sequence[float]) -> str:
@@ -221,10 +228,12 @@ def _in_millimetres(values: Sequence[float], form: str) -> str:
     return " / ".join(format(1e3 * value, form) for value in values)
 
 
-def _less(bench: Bench) -> Claim:
+def _claim_smaller_displacement(bench: Bench) -> Claim:
     """Claim that impedance control yields less, with other noise and other encoders too."""
-    found = {f"noise {seed}": farther(bench, False, seed) for seed in SEEDS} | {"4096 counts": farther(bench, True, 1)}
-    most = max(one.pushed_back for one in sets(bench, "impedance"))
+    found = {f"noise {seed}": compare_push_back(bench, False, seed) for seed in NOISE_SEEDS} | {
+        "4096 counts": compare_push_back(bench, True, 1)
+    }
+    most = max(one.largest_push_back for one in run_parameter_sets(bench, "impedance"))
     words = "; ".join(f"{name} {_in_millimetres(values, '+.2f')}" for name, values in found.items())
     return Claim(
         "after the collision impedance control is displaced less than admittance control",
@@ -235,8 +244,8 @@ def _less(bench: Bench) -> Claim:
     )
 
 
-def _start(bench: Bench) -> Claim:
-    found = starts(bench)
+def _claim_start_error(bench: Bench) -> Claim:
+    found = measure_start_errors(bench)
     words = "; ".join(
         f"{name}: {1e3 * first:.2f} mm in the first second, {1e3 * later:.2f} mm after it"
         for name, (first, later) in found.items()
@@ -251,19 +260,19 @@ def _start(bench: Bench) -> Claim:
     )
 
 
-def table5(bench: Bench) -> Result:
+def make_table5(bench: Bench) -> Result:
     """Make Table V: the sets and their runs."""
     rows: list[tuple[str | float | None, ...]] = []
     numbers: dict[str, Mapping[str, float | None]] = {}
     tried = []
     for law in ("admittance", "impedance"):
         tried += [(f"{law} {k}, Table V", law, mbk) for k, mbk in enumerate(TABLE_5[law], 1)]
-        tried += [(f"{law} {k}", law, mbk) for k, mbk in enumerate(SENSIBLE, 1)]
-    tried += [(f"predictive {k}", "predictive", mbk) for k, mbk in enumerate(SENSIBLE, 1)]
+        tried += [(f"{law} {k}", law, mbk) for k, mbk in enumerate(COLLISION_SETS, 1)]
+    tried += [(f"predictive {k}", "predictive", mbk) for k, mbk in enumerate(COLLISION_SETS, 1)]
     for name, law, mbk in tried:
-        one = collided(bench, law, mbk)
-        found = numbers[name] = one.numbers()
-        stopped = "–" if one.run.lost is None else f"{one.run.lost:.2f}"
+        one = run_collision(bench, law, mbk)
+        found = numbers[name] = one.collect_numbers()
+        stopped = "–" if one.run.lost_at is None else f"{one.run.lost_at:.2f}"
         slid, off, clear = (1e3 * (found[key] or 0.0) for key in ("slid", "pushed_back", "clearance_after"))
         rows.append((name, *mbk, found["largest_force"], slid, found["work_on_bottle"], off, clear, stopped))
     columns = (
@@ -278,12 +287,12 @@ def table5(bench: Bench) -> Result:
         "clearance (mm)",
         "stopped (s)",
     )
-    laws = {law: sets(bench, law) for law in ("admittance", "impedance", "predictive")}
+    laws = {law: run_parameter_sets(bench, law) for law in ("admittance", "impedance", "predictive")}
     words = []
     for law, runs in laws.items():
-        back = [one.pushed_back for one in runs]
+        back = [one.largest_push_back for one in runs]
         words.append(f"{law} {_in_millimetres(back, '.1f')} mm")
-    softer = all(runs[2].pushed_back > runs[0].pushed_back for runs in laws.values())
+    softer = all(runs[2].largest_push_back > runs[0].largest_push_back for runs in laws.values())
     claims = [Claim("more compliant sets yield more", ", ".join(words), softer)]
     text = (
         "Largest contact force, way of the bottle, work on it, the tip's largest distance from its path while "
@@ -293,23 +302,25 @@ def table5(bench: Bench) -> Result:
     return Result("table5", "Parameters of the collision experiment", text, [grid], claims, numbers, 1)
 
 
-def _choices(bench: Bench) -> list[Choice]:
+def _make_choices(bench: Bench) -> list[Choice]:
     """The choices of the bottle, the sets, and the unit of Table V."""
 
-    def words(stiffness: float = STIFFNESS, friction: float = FRICTION) -> str:
-        found = collided(bench, "admittance", SENSIBLE[0], stiffness=stiffness, friction=friction).numbers()
+    def words(stiffness: float = BOTTLE_STIFFNESS, friction: float = BOTTLE_FRICTION) -> str:
+        found = run_collision(
+            bench, "admittance", COLLISION_SETS[0], stiffness=stiffness, friction=friction
+        ).collect_numbers()
         return f"{found['largest_force']:.1f} N, slid {1e3 * (found['slid'] or 0.0):.1f} mm"
 
-    def off(runs: Sequence[Collided]) -> str:
+    def off(runs: Sequence[CollisionRun]) -> str:
         return " / ".join(map(_describe_outcome, runs))
 
-    admittance, impedance = (sets(bench, law, published=True) for law in ("admittance", "impedance"))
-    kilograms = [collided(bench, "impedance", (1e3 * M, B, K)) for M, B, K in TABLE_5["impedance"]]
+    admittance, impedance = (run_parameter_sets(bench, law, published=True) for law in ("admittance", "impedance"))
+    kilograms = [run_collision(bench, "impedance", (1e3 * M, B, K)) for M, B, K in TABLE_5["impedance"]]
     return [
         Choice(
             "place, stiffness and friction of the bottle",
-            f"{1e3 * DEEP:g} mm inside the circle's top, {STIFFNESS:g} N/m, μ = {FRICTION:g}: set 1 presses with "
-            f"{words()}",
+            f"{1e3 * BOTTLE_OVERLAP:g} mm inside the circle's top, {BOTTLE_STIFFNESS:g} N/m, μ = {BOTTLE_FRICTION:g}:"
+            f" set 1 presses with {words()}",
             f"20 000 N/m: {words(stiffness=2e4)}; μ = 0.15: {words(friction=0.15)}",
         ),
         Choice(

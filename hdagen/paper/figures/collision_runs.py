@@ -12,51 +12,51 @@ from functools import partial
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.paper.figures.tracking_runs import Tracked, tracked
-from hdagen.paper.prototype.bottle import FRICTION, GRAVITY, MASS, RADIUS, STIFFNESS, Bottle
-from hdagen.paper.prototype.virtual_prototype import CENTER, PERIOD, TURN, Bench
-from hdagen.paper.prototype.virtual_prototype import RADIUS as CIRCLE
+from hdagen.paper.figures.tracking_runs import TrackingRun, track_circle
+from hdagen.paper.prototype.bottle import BOTTLE_FRICTION, BOTTLE_MASS, BOTTLE_RADIUS, BOTTLE_STIFFNESS, GRAVITY, Bottle
+from hdagen.paper.prototype.virtual_prototype import CIRCLE_CENTER, PERIOD, TURN_SECONDS, Bench
+from hdagen.paper.prototype.virtual_prototype import CIRCLE_RADIUS as CIRCLE
 
-SECONDS = 2 * TURN
-DEEP = 0.015  # m, assumed: depth of the circle's top inside the bottle
-PLACE = (CENTER[0], CENTER[1] + CIRCLE + RADIUS - DEEP)
+COLLISION_SECONDS = 2 * TURN_SECONDS
+BOTTLE_OVERLAP = 0.015  # m, assumed: depth of the circle's top inside the bottle
+BOTTLE_PLACE = (CIRCLE_CENTER[0], CIRCLE_CENTER[1] + CIRCLE + BOTTLE_RADIUS - BOTTLE_OVERLAP)
 TABLE_5 = {  # kg, N s/m, N/m; the impedance masses are grams as Table V prints them, see the errata
     "admittance": ((500.0, 0.5, 100.0), (500.0, 1.0, 10.0), (500.0, 2.0, 1.0)),
     "impedance": ((1e-3, 1e-10, 1e-5), (1.5e-3, 1e-7, 1e-12), (2e-3, 1e-4, 1e-22)),
 }
-SENSIBLE = ((2.0, 45.0, 2000.0), (2.0, 60.0, 700.0), (2.0, 90.0, 250.0))
-FAST = 5.0  # Hz from which a displacement counts as vibration: the motion is slower
-BY_B, BY_K = (20.0, 45.0, 90.0, 180.0), (250.0, 700.0, 2000.0, 4000.0)
+COLLISION_SETS = ((2.0, 45.0, 2000.0), (2.0, 60.0, 700.0), (2.0, 90.0, 250.0))
+VIBRATION_FREQUENCY = 5.0  # Hz from which a displacement counts as vibration: the motion is slower
+DAMPING_VALUES, STIFFNESS_VALUES = (20.0, 45.0, 90.0, 180.0), (250.0, 700.0, 2000.0, 4000.0)
 
 
 @dataclass(frozen=True)
-class Collided:
+class CollisionRun:
     """A run against the bottle: ``force`` (T, 2, N) on the tip, ``place`` (T, 2, m) of the bottle, ``depth`` (T, m)."""
 
-    run: Tracked
+    run: TrackingRun
     force: Array
     place: Array
     depth: Array
 
     @property
-    def pushed_back(self) -> float:
+    def largest_push_back(self) -> float:
         """Largest distance of the tip from its path while it touches the bottle, m."""
         touching = self.depth > 0
-        return float(np.linalg.norm(self.run.off[touching], axis=1).max(initial=0.0))
+        return float(np.linalg.norm(self.run.path_error[touching], axis=1).max(initial=0.0))
 
     @property
-    def vibration(self) -> float:
+    def vibration_rms(self) -> float:
         """rms of the tip's path error above FAST, in the 2 s from the first touch on, m."""
         from scipy.signal import butter, sosfiltfilt
 
         touching = np.flatnonzero(self.depth > 0)
         if not len(touching):
             return 0.0
-        sos = butter(2, FAST, "high", fs=1 / PERIOD, output="sos")
-        fast = sosfiltfilt(sos, self.run.off, axis=0)[touching[0] : touching[0] + round(2.0 / PERIOD)]
+        sos = butter(2, VIBRATION_FREQUENCY, "high", fs=1 / PERIOD, output="sos")
+        fast = sosfiltfilt(sos, self.run.path_error, axis=0)[touching[0] : touching[0] + round(2.0 / PERIOD)]
         return float(np.sqrt(np.mean(np.sum(fast**2, axis=1))))
 
-    def numbers(self) -> dict[str, float | None]:
+    def collect_numbers(self) -> dict[str, float | None]:
         """Collect the run's numbers, SI: contact force, energy, clearance, vibration."""
         size = np.linalg.norm(self.force, axis=1)
         step = np.diff(self.run.simulation.tip, axis=0)
@@ -64,21 +64,21 @@ class Collided:
         slid = np.sum(np.linalg.norm(np.diff(self.place, axis=0), axis=1))
         return {
             "largest_force": float(size.max()), "impulse": float(size.sum() * PERIOD), "work_on_bottle": float(work),
-            "slid": float(slid), "lost_in_sliding": float(FRICTION * MASS * GRAVITY * slid),
-            "pushed_back": self.pushed_back, "clearance_after": float(-self.depth[-round(TURN / PERIOD) :].max()),
-            "vibration": self.vibration, "lost_at": self.run.lost,
+            "slid": float(slid), "lost_in_sliding": float(BOTTLE_FRICTION * BOTTLE_MASS * GRAVITY * slid),
+            "pushed_back": self.largest_push_back, "clearance_after": float(-self.depth[-round(TURN_SECONDS / PERIOD) :].max()),
+            "vibration": self.vibration_rms, "lost_at": self.run.lost_at,
         }  # fmt: skip
 
 
-def collided(
+def run_collision(
     bench: Bench,
     law: str,
     mbk: tuple[float, float, float],
     fine: bool = False,
-    stiffness: float = STIFFNESS,
-    friction: float = FRICTION,
+    stiffness: float = BOTTLE_STIFFNESS,
+    friction: float = BOTTLE_FRICTION,
     seed: int = 1,
-) -> Collided:
+) -> CollisionRun:
     """Run two circles with the bottle in the way of the first.
 
     Args:
@@ -95,15 +95,15 @@ def collided(
 
     """
 
-    def make() -> Collided:
-        world = Bottle(PLACE, stiffness=stiffness, friction=friction)
-        found = tracked(bench, law, mbk, (), SECONDS, fine, world=world, seed=seed)
-        return Collided(found, np.array(world.force), np.array(world.place), np.array(world.depth))
+    def make() -> CollisionRun:
+        world = Bottle(BOTTLE_PLACE, stiffness=stiffness, friction=friction)
+        found = track_circle(bench, law, mbk, (), COLLISION_SECONDS, fine, world=world, seed=seed)
+        return CollisionRun(found, np.array(world.force), np.array(world.place), np.array(world.depth))
 
-    return bench.once(("collided", law, mbk, fine, stiffness, friction, seed), make)
+    return bench.compute_once(("collided", law, mbk, fine, stiffness, friction, seed), make)
 
 
-def sets(bench: Bench, law: str, published: bool = False) -> list[Collided]:
+def run_parameter_sets(bench: Bench, law: str, published: bool = False) -> list[CollisionRun]:
     """Run the three sets of a law.
 
     Args:
@@ -115,11 +115,11 @@ def sets(bench: Bench, law: str, published: bool = False) -> list[Collided]:
         Three runs, in the order of the sets.
 
     """
-    chosen = TABLE_5[law] if published else SENSIBLE
-    return [collided(bench, law, mbk) for mbk in chosen]
+    chosen = TABLE_5[law] if published else COLLISION_SETS
+    return [run_collision(bench, law, mbk) for mbk in chosen]
 
 
-def farther(bench: Bench, fine: bool, seed: int) -> list[float]:
+def compare_push_back(bench: Bench, fine: bool, seed: int) -> list[float]:
     """Compare the largest push-back of both laws.
 
     Args:
@@ -133,14 +133,14 @@ def farther(bench: Bench, fine: bool, seed: int) -> list[float]:
     """
 
     def pushed_back(law: str, mbk: tuple[float, float, float]) -> float:
-        return collided(bench, law, mbk, fine, seed=seed).pushed_back
+        return run_collision(bench, law, mbk, fine, seed=seed).largest_push_back
 
-    impedance = [pushed_back("impedance", mbk) for mbk in SENSIBLE]
-    admittance = [pushed_back("admittance", mbk) for mbk in SENSIBLE]
+    impedance = [pushed_back("impedance", mbk) for mbk in COLLISION_SETS]
+    admittance = [pushed_back("admittance", mbk) for mbk in COLLISION_SETS]
     return [theirs - ours for ours, theirs in zip(impedance, admittance, strict=True)]
 
 
-def vibrations(bench: Bench, law: str) -> dict[str, list[float]]:
+def measure_vibrations(bench: Bench, law: str) -> dict[str, list[float]]:
     """Measure the vibration against B and against K.
 
     Args:
@@ -151,14 +151,14 @@ def vibrations(bench: Bench, law: str) -> dict[str, list[float]]:
         m rms: "B" for each of BY_B at the second set's K, "K" for each of BY_K at its B.
 
     """
-    M, B, K = SENSIBLE[1]
+    M, B, K = COLLISION_SETS[1]
     return {
-        "B": [collided(bench, law, (M, b, K)).vibration for b in BY_B],
-        "K": [collided(bench, law, (M, B, k)).vibration for k in BY_K],
+        "B": [run_collision(bench, law, (M, b, K)).vibration_rms for b in DAMPING_VALUES],
+        "K": [run_collision(bench, law, (M, B, k)).vibration_rms for k in STIFFNESS_VALUES],
     }
 
 
-def starts(bench: Bench) -> dict[str, tuple[float, float]]:
+def measure_start_errors(bench: Bench) -> dict[str, tuple[float, float]]:
     """Measure the start of impedance control without the bottle.
 
     Args:
@@ -174,10 +174,12 @@ def starts(bench: Bench) -> dict[str, tuple[float, float]]:
     tried = {"no observer": ({}, blind), "no observer, no dry friction": (none, blind), "with the observer": ({}, {})}
     found = {}
     for name, (changes, gains) in tried.items():
-        run = bench.once(
+        run = bench.compute_once(
             ("starts", name),
-            partial(tracked, bench, "impedance", SENSIBLE[1], (), TURN, changes=changes, gains=gains),
+            partial(
+                track_circle, bench, "impedance", COLLISION_SETS[1], (), TURN_SECONDS, changes=changes, gains=gains
+            ),
         )
-        error, begun = np.abs(run.off[:, 0]), run.log.time < 1.0
+        error, begun = np.abs(run.path_error[:, 0]), run.log.time < 1.0
         found[name] = float(error[begun].max()), float(error[~begun].max())
     return found

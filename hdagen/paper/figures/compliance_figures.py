@@ -12,122 +12,133 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.control.reference_motion import circle
 from hdagen.paper.prototype.figure_result import Axes, Choice, Claim, Curve, Grid, Result
-from hdagen.paper.prototype.step_response import answers, ideally
+from hdagen.paper.prototype.step_response import measure_responses, simulate_ideal
 from hdagen.paper.prototype.virtual_prototype import (
-    BANDS,
-    LAWS,
+    CARTESIAN_LAWS,
+    CIRCLE_PUSHES,
+    CIRCLE_RADIUS,
     PERIOD,
-    PUSH,
-    PUSHES,
-    RADIUS,
-    TURN,
+    PUSH_BANDS,
+    PUSH_FORCE,
+    TURN_SECONDS,
     Bench,
-    cartesian,
-    pushed,
-    turns,
+    cartesian_gains,
+    paper_circle,
+    simulate_pushed,
 )
 from hdagen.simulation.simulator import Simulation
 
-SECONDS = 10.0
-BASE = {"M": 4.0, "B": 40.0, "K": 500.0}  # kg, N s/m, N/m, assumed: damping ratio 0.45, so that overshoot is seen
-VARIED = {"M": (1.0, 4.0, 16.0), "B": (20.0, 40.0, 80.0), "K": (250.0, 500.0, 1000.0)}
-SEEN = 0.02  # smallest overshoot that stands out of noise and friction; a smaller one counts as this
-FLAT = 0.3  # largest power of K at which the settling time counts as independent of K
-CIRCLES = ((0.2, 0.0, 2.5), (0.2, 0.0, 10.0), (0.15, 0.1, TURN))  # m, m, s a turn: alternatives to the one of III.C
+PUSHED_SECONDS = 10.0
+BASE_SET = {"M": 4.0, "B": 40.0, "K": 500.0}  # kg, N s/m, N/m, assumed: damping ratio 0.45, so that overshoot is seen
+VARIED_VALUES = {"M": (1.0, 4.0, 16.0), "B": (20.0, 40.0, 80.0), "K": (250.0, 500.0, 1000.0)}
+LEAST_OVERSHOOT = 0.02  # smallest overshoot that stands out of noise and friction; a smaller one counts as this
+FLAT_POWER = 0.3  # largest power of K at which the settling time counts as independent of K
+OTHER_CIRCLES = (
+    (0.2, 0.0, 2.5),
+    (0.2, 0.0, 10.0),
+    (0.15, 0.1, TURN_SECONDS),
+)  # m, m, s a turn: alternatives to the one of III.C
 UNITS = {"M": "kg", "B": "N s/m", "K": "N/m"}
 
 
 @dataclass(frozen=True)
-class Varied:
+class VariedRuns:
     """A law with one of M, B, K at three values: displacement (T, 3, 2, m) of the arm and of the ideal, and the
     runs."""
 
     letter: str
-    moved: Array
-    ideal: Array
+    displacement: Array
+    ideal_displacement: Array
     runs: tuple[Simulation, ...]
 
-    def answers(self) -> tuple[Array, Array]:
+    def measure_arm_and_ideal(self) -> tuple[Array, Array]:
         """Measure the responses of the arm and of the ideal, each (3, 2, 3) as `hdagen.paper.prototype.step_response`
         has them."""
-        return answers(self.moved, PUSHES, PERIOD), answers(self.ideal, PUSHES, PERIOD)
+        return measure_responses(self.displacement, CIRCLE_PUSHES, PERIOD), measure_responses(
+            self.ideal_displacement, CIRCLE_PUSHES, PERIOD
+        )
 
 
-def varied(bench: Bench, law: str, letter: str, fine: bool = False) -> Varied:
+def run_varied(bench: Bench, law: str, letter: str, fine: bool = False) -> VariedRuns:
     """Run a law with three values of M, B or K, with Hall sensors or with 4096 counts a turn."""
-    path = turns(SECONDS)
-    sets = [tuple({**BASE, letter: value}.values()) for value in VARIED[letter]]
+    path = paper_circle(PUSHED_SECONDS)
+    sets = [tuple({**BASE_SET, letter: value}.values()) for value in VARIED_VALUES[letter]]
     runs = tuple(
-        bench.once((law, fine, *one), partial(pushed, bench, law, cartesian(*one), path, fine=fine)) for one in sets
+        bench.compute_once(
+            (law, fine, *one), partial(simulate_pushed, bench, law, cartesian_gains(*one), path, fine=fine)
+        )
+        for one in sets
     )
     moved = np.stack([run.tip - path.position for run in runs], axis=1)
-    return Varied(letter, moved, ideally(np.array(sets), PUSHES, SECONDS, PERIOD), runs)
+    return VariedRuns(letter, moved, simulate_ideal(np.array(sets), CIRCLE_PUSHES, PUSHED_SECONDS, PERIOD), runs)
 
 
-def _all_varied(bench: Bench, law: str, fine: bool = False) -> dict[str, Varied]:
+def _all_varied(bench: Bench, law: str, fine: bool = False) -> dict[str, VariedRuns]:
     """The runs of a law with each of M, B and K varied."""
-    return {letter: varied(bench, law, letter, fine) for letter in VARIED}
+    return {letter: run_varied(bench, law, letter, fine) for letter in VARIED_VALUES}
 
 
-def fig11(bench: Bench) -> Result:
+def make_fig11(bench: Bench) -> Result:
     """Make Fig. 11: admittance control."""
-    return _figure(bench, "fig11", "admittance")
+    return _make_figure(bench, "fig11", "admittance")
 
 
-def fig12(bench: Bench) -> Result:
+def make_fig12(bench: Bench) -> Result:
     """Make Fig. 12: impedance control."""
-    return _figure(bench, "fig12", "impedance")
+    return _make_figure(bench, "fig12", "impedance")
 
 
-def _figure(bench: Bench, name: str, law: str) -> Result:
-    path = turns(SECONDS)
+def _make_figure(bench: Bench, name: str, law: str) -> Result:
+    path = paper_circle(PUSHED_SECONDS)
     every, fine = _all_varied(bench, law), _all_varied(bench, law, fine=True)
     parts: list[Axes | Grid] = []
     for row, (letter, one) in enumerate(every.items()):
         for axis, word in enumerate("xy"):
-            values = [f"{letter} = {value:g} {UNITS[letter]}" for value in VARIED[letter]]
-            curves = [Curve(words, path.time, one.moved[:, k, axis]) for k, words in enumerate(values)]
+            values = [f"{letter} = {value:g} {UNITS[letter]}" for value in VARIED_VALUES[letter]]
+            curves = [Curve(words, path.time, one.displacement[:, k, axis]) for k, words in enumerate(values)]
             curves += [
-                Curve(label, path.time, one.ideal[:, k, axis], color="ink", dash="dotted", width=0.8)
+                Curve(label, path.time, one.ideal_displacement[:, k, axis], color="ink", dash="dotted", width=0.8)
                 for k, label in enumerate(("ideal", "", ""))  # the legend names them once
             ]
             heading = f"({'abcdef'[2 * row + axis]}) {word}, {letter} varied"
-            parts.append(Axes(heading, "time (s)", "tip off the circle (m)", curves, bands=[BANDS[axis]]))
-    parts.append(_table(every))
+            parts.append(Axes(heading, "time (s)", "tip off the circle (m)", curves, bands=[PUSH_BANDS[axis]]))
+    parts.append(_make_table(every))
     gap = {
-        letter: float(np.abs(one.moved - one.ideal).max() / np.abs(one.ideal).max()) for letter, one in every.items()
+        letter: float(np.abs(one.displacement - one.ideal_displacement).max() / np.abs(one.ideal_displacement).max())
+        for letter, one in every.items()
     }
     numbers = {}
     for letter, one in every.items():
-        arm, ideal = one.answers()
+        arm, ideal = one.measure_arm_and_ideal()
         numbers[letter] = {"arm": arm.tolist(), "ideal": ideal.tolist()}
     logs = {
         f"{letter}{value:g}": run.log
         for letter, one in every.items()
-        for value, run in zip(VARIED[letter], one.runs, strict=True)
+        for value, run in zip(VARIED_VALUES[letter], one.runs, strict=True)
     }
     text = (
-        f"The tip on the circle of III.C, pushed by {PUSH:g} N in x from 3 to 4 s and in y from 6 to 7 s; how far it "
-        f"is off the moving point. Base: M = {BASE['M']:g} kg, B = {BASE['B']:g} N s/m, K = {BASE['K']:g} N/m. Hall "
-        "sensors, current loop, delay, friction and torsion as in the prototype. Dotted: what M, B and K promise."
+        f"The tip on the circle of III.C, pushed by {PUSH_FORCE:g} N in x from 3 to 4 s and in y from 6 to 7 s; how far"
+        f" it is off the moving point. Base: M = {BASE_SET['M']:g} kg, B = {BASE_SET['B']:g} N s/m, K ="
+        f" {BASE_SET['K']:g} N/m. Hall sensors, current loop, delay, friction and torsion as in the prototype. Dotted:"
+        " what M, B and K promise."
     )
-    claims = _claims(law, every, fine, gap)
+    claims = _make_claims(law, every, fine, gap)
     if law == "impedance":
-        claims.append(_alike(bench))
+        claims.append(_claim_similar_trends(bench))
     return Result(
         name,
         f"{law.capitalize()} control, M, B and K varied",
         text,
         parts,
         claims,
-        {"answers": numbers, "largest_gap_to_ideal": gap, "kept": kept(every), "kept_4096": kept(fine)},
+        {"answers": numbers, "largest_gap_to_ideal": gap, "kept": check_claims(every), "kept_4096": check_claims(fine)},
         2,
-        _choices(bench, law, every),
+        _make_choices(bench, law, every),
         logs,
     )
 
 
-def _table(every: Mapping[str, Varied]) -> Grid:
+def _make_table(every: Mapping[str, VariedRuns]) -> Grid:
     columns = (
         "",
         "settling x (s)",
@@ -140,8 +151,8 @@ def _table(every: Mapping[str, Varied]) -> Grid:
     )
     rows: list[tuple[str | float, ...]] = []
     for letter, one in every.items():
-        arm, ideal = one.answers()
-        for k, value in enumerate(VARIED[letter]):
+        arm, ideal = one.measure_arm_and_ideal()
+        for k, value in enumerate(VARIED_VALUES[letter]):
             row: list[str | float] = [f"{letter} = {value:g} {UNITS[letter]}"]
             for measure, scale in ((0, 1.0), (1, 100.0), (2, 1e3)):
                 row += [scale * float(arm[k, 0, measure]), scale * float(ideal[k, 0, measure])]
@@ -149,19 +160,19 @@ def _table(every: Mapping[str, Varied]) -> Grid:
     return Grid("settling to 10 % after the push, swing past the path, largest displacement", columns, rows, digits=3)
 
 
-def _answer(found: Array) -> str:
+def _describe_response(found: Array) -> str:
     settling, overshoot, largest = found
     return f"settled after {settling:.2f} s, overshoot {100 * overshoot:.0f} %, {1e3 * largest:.1f} mm"
 
 
-def _words(values: Array, unit: str, scale: float = 1.0) -> str:
+def _join_values(values: Array, unit: str, scale: float = 1.0) -> str:
     words = ("never" if np.isnan(value) else f"{scale * value:.3g}" for value in values)
     return f"{' / '.join(words)} {unit}"
 
 
-def kept(every: Mapping[str, Varied]) -> dict[str, bool]:
+def check_claims(every: Mapping[str, VariedRuns]) -> dict[str, bool]:
     """Tell which of the paper's claims hold for the runs, in both axes."""
-    M, B, K = (every[letter].answers()[0] for letter in "MBK")
+    M, B, K = (every[letter].measure_arm_and_ideal()[0] for letter in "MBK")
     rise = {
         "M settles": M[..., 0],
         "M swings": M[..., 1],
@@ -171,26 +182,28 @@ def kept(every: Mapping[str, Varied]) -> dict[str, bool]:
         "K swings": -K[..., 1],
     }
     found = {name: bool((np.diff(values, axis=0) > 0).all()) for name, values in rise.items()}
-    spread = np.log(K[..., 0].max(axis=0) / K[..., 0].min(axis=0)) / np.log(max(VARIED["K"]) / min(VARIED["K"]))
-    found["K settles"] = bool((spread < FLAT).all())
+    spread = np.log(K[..., 0].max(axis=0) / K[..., 0].min(axis=0)) / np.log(
+        max(VARIED_VALUES["K"]) / min(VARIED_VALUES["K"])
+    )
+    found["K settles"] = bool((spread < FLAT_POWER).all())
     return found
 
 
-def trends(every: Mapping[str, Varied]) -> Array:
+def fit_powers(every: Mapping[str, VariedRuns]) -> Array:
     """Powers of M and of B in settling time and overshoot, between the ends of their ranges, in x and y: (2, 2, 2)."""
     found = []
     for letter in "MB":
-        ends = every[letter].answers()[0][[0, -1], :, :2]
-        ends[..., 1] = np.maximum(ends[..., 1], SEEN)
-        found.append(np.log(ends[1] / ends[0]) / np.log(VARIED[letter][-1] / VARIED[letter][0]))
+        ends = every[letter].measure_arm_and_ideal()[0][[0, -1], :, :2]
+        ends[..., 1] = np.maximum(ends[..., 1], LEAST_OVERSHOOT)
+        found.append(np.log(ends[1] / ends[0]) / np.log(VARIED_VALUES[letter][-1] / VARIED_VALUES[letter][0]))
     return np.array(found)
 
 
-def _alike(bench: Bench) -> Claim:
+def _claim_similar_trends(bench: Bench) -> Claim:
     """Claim that both laws have similar trends in B and M."""
     apart, words = {}, []
     for fine, sensors in ((False, "Hall sensors"), (True, "4096 counts")):
-        impedance, admittance = (trends(_all_varied(bench, law, fine)) for law in LAWS)
+        impedance, admittance = (fit_powers(_all_varied(bench, law, fine)) for law in CARTESIAN_LAWS)
         apart[fine] = float(np.abs(impedance - admittance).max())
         differ = f"{apart[fine]:.2f}"
         if not np.isfinite(apart[fine]):
@@ -199,14 +212,16 @@ def _alike(bench: Bench) -> Claim:
     return Claim(
         "the two compliance control methods have similar trends for adjusting parameters B and M",
         f"powers of M and B with which settling and overshoot go differ by at most, {'; '.join(words)}",
-        bool(apart[True] < FLAT),
-        f"held alike below {FLAT:g}, with encoders that let both laws follow their M, B and K",
+        bool(apart[True] < FLAT_POWER),
+        f"held alike below {FLAT_POWER:g}, with encoders that let both laws follow their M, B and K",
     )
 
 
-def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], gap: Mapping[str, float]) -> list[Claim]:
-    M, B, K = (every[letter].answers()[0] for letter in "MBK")
-    hall, with_encoders = kept(every), kept(fine)
+def _make_claims(
+    law: str, every: Mapping[str, VariedRuns], fine: Mapping[str, VariedRuns], gap: Mapping[str, float]
+) -> list[Claim]:
+    M, B, K = (every[letter].measure_arm_and_ideal()[0] for letter in "MBK")
+    hall, with_encoders = check_claims(every), check_claims(fine)
 
     def claim(paper: str, here: str, names: Sequence[str], why: str = "") -> Claim:
         holds, other = all(hall[name] for name in names), all(with_encoders[name] for name in names)
@@ -217,40 +232,43 @@ def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], g
             reasons.insert(0, "with 4096 counts a turn it does not hold")
         return Claim(paper, here, holds, "; ".join(filter(None, reasons)))
 
-    gap_fine = max(float(np.abs(one.moved - one.ideal).max() / np.abs(one.ideal).max()) for one in fine.values())
+    gap_fine = max(
+        float(np.abs(one.displacement - one.ideal_displacement).max() / np.abs(one.ideal_displacement).max())
+        for one in fine.values()
+    )
     return [
         claim(
             "a smaller M answers faster with less overshoot",
-            f"M of 1, 4, 16 kg: settled after {_words(M[:, 0, 0], 's')} in x, {_words(M[:, 1, 0], 's')} in y; "
-            f"overshoot in x {_words(M[:, 0, 1], '%', 100)}",
+            f"M of 1, 4, 16 kg: settled after {_join_values(M[:, 0, 0], 's')} in x, {_join_values(M[:, 1, 0], 's')} in"
+            f" y; overshoot in x {_join_values(M[:, 0, 1], '%', 100)}",
             ("M settles", "M swings"),
         ),
         claim(
             "a larger B answers faster with less overshoot",
-            f"B of 20, 40, 80 N s/m: settled after {_words(B[:, 0, 0], 's')} in x, {_words(B[:, 1, 0], 's')} in y; "
-            f"overshoot in x {_words(B[:, 0, 1], '%', 100)}",
+            f"B of 20, 40, 80 N s/m: settled after {_join_values(B[:, 0, 0], 's')} in x,"
+            f" {_join_values(B[:, 1, 0], 's')} in y; overshoot in x {_join_values(B[:, 0, 1], '%', 100)}",
             ("B settles", "B swings"),
             "holds while under-damped; the maps show where it stops",
         ),
         claim(
             "a larger K moves less, so the compliance is worse",
-            f"K of 250, 500, 1000 N/m: at most {_words(K[:, 0, 2], 'mm', 1e3)} in x, {_words(K[:, 1, 2], 'mm', 1e3)} "
-            "in y",
+            f"K of 250, 500, 1000 N/m: at most {_join_values(K[:, 0, 2], 'mm', 1e3)} in x,"
+            f" {_join_values(K[:, 1, 2], 'mm', 1e3)} in y",
             ("K moves",),
         ),
         claim(
             "when K increases, the overshoot decreases",
-            f"the swing past the path after the push, in x {_words(K[:, 0, 1], '%', 100)} of the largest displacement, "
-            f"{_words(K[:, 0, 1] * K[:, 0, 2], 'mm', 1e3)}",
+            f"the swing past the path after the push, in x {_join_values(K[:, 0, 1], '%', 100)} of the largest"
+            f" displacement, {_join_values(K[:, 0, 1] * K[:, 0, 2], 'mm', 1e3)}",
             ("K swings",),
             "a stiffer spring on the same M and B is less damped; what decreases is the displacement itself, above",
         ),
         claim(
             "K does not affect the settling time",
-            f"settled after {_words(K[:, 0, 0], 's')} in x, {_words(K[:, 1, 0], 's')} in y",
+            f"settled after {_join_values(K[:, 0, 0], 's')} in x, {_join_values(K[:, 1, 0], 's')} in y",
             ("K settles",),
-            f"held equal where it goes with less than the power {FLAT:g} of K (with M and B it goes with about 1): the "
-            "envelope is 2 M/B for every K while under-damped, and settling to a band comes in half swings",
+            f"held equal where it goes with less than the power {FLAT_POWER:g} of K (with M and B it goes with about"
+            " 1): the envelope is 2 M/B for every K while under-damped, and settling to a band comes in half swings",
         ),
         Claim(
             "the arm follows its M, B and K",
@@ -262,24 +280,24 @@ def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], g
     ]
 
 
-def _choices(bench: Bench, law: str, every: Mapping[str, Varied]) -> list[Choice]:
-    own = every["M"].answers()[0][1, 0]
+def _make_choices(bench: Bench, law: str, every: Mapping[str, VariedRuns]) -> list[Choice]:
+    own = every["M"].measure_arm_and_ideal()[0][1, 0]
     words = []
-    for x, y, turn in CIRCLES:
-        path = circle(RADIUS, (x, y), turn, SECONDS)
-        make = partial(pushed, bench, law, cartesian(*BASE.values()), path)
-        run = bench.once((law, x, y, turn), make)
-        found = answers((run.tip - path.position)[:, None], PUSHES, PERIOD)[0, 0]
-        words.append(f"({x:g}, {y:g}) m, {turn:g} s: {_answer(found)}")
+    for x, y, turn in OTHER_CIRCLES:
+        path = circle(CIRCLE_RADIUS, (x, y), turn, PUSHED_SECONDS)
+        make = partial(simulate_pushed, bench, law, cartesian_gains(*BASE_SET.values()), path)
+        run = bench.compute_once((law, x, y, turn), make)
+        found = measure_responses((run.tip - path.position)[:, None], CIRCLE_PUSHES, PERIOD)[0, 0]
+        words.append(f"({x:g}, {y:g}) m, {turn:g} s: {_describe_response(found)}")
     return [
         Choice(
             "M, B, K and the force of Fig. 11 and 12",
-            f"M, B, K about {tuple(BASE.values())}, {PUSH:g} N",
+            f"M, B, K about {tuple(BASE_SET.values())}, {PUSH_FORCE:g} N",
             "the maps: 10 000 other sets",
         ),
         Choice(
             "centre and speed of the circle",
-            f"(0.2, 0) m, 5 s a turn: {_answer(own)} in x",
+            f"(0.2, 0) m, 5 s a turn: {_describe_response(own)} in x",
             "; ".join(words),
         ),
     ]

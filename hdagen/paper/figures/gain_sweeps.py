@@ -12,17 +12,28 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.paper.figures.compliance_figures import SECONDS
-from hdagen.paper.prototype.step_response import MEASURES, answers, damping_ratio, ideally
-from hdagen.paper.prototype.virtual_prototype import PERIOD, PUSHES, Bench, controller, fine_sensors, turns
+from hdagen.paper.figures.compliance_figures import PUSHED_SECONDS
+from hdagen.paper.prototype.step_response import RESPONSE_MEASURES, damping_ratio, measure_responses, simulate_ideal
+from hdagen.paper.prototype.virtual_prototype import (
+    CIRCLE_PUSHES,
+    PERIOD,
+    Bench,
+    fine_sensors,
+    make_controller,
+    paper_circle,
+)
 from hdagen.simulation.batch_closed_loop import closed_loops
 
-RANGES = {"M": (0.5, 32.0), "B": (5.0, 500.0), "K": (200.0, 2000.0)}  # kg, N s/m, N/m
-SHAPE = (16, 25, 25)  # 10 000 sets
-REGIONS = {"under-damped": (0.0, 0.7), "near critical": (0.7, 1.4), "over-damped": (1.4, np.inf)}  # damping ratio
-CLASSES = np.geomspace(0.05, 8.0, 15)  # of damping ratio
-KEEPS = 0.9  # share of neighbouring sets from which a claim holds
-TOGETHER, COARSE = 2000, 0.01  # sets of the ideal in a batch; s between its rows, at which it is exact
+SWEPT_RANGES = {"M": (0.5, 32.0), "B": (5.0, 500.0), "K": (200.0, 2000.0)}  # kg, N s/m, N/m
+GRID_SHAPE = (16, 25, 25)  # 10 000 sets
+DAMPING_REGIONS = {
+    "under-damped": (0.0, 0.7),
+    "near critical": (0.7, 1.4),
+    "over-damped": (1.4, np.inf),
+}  # damping ratio
+RATIO_EDGES = np.geomspace(0.05, 8.0, 15)  # of damping ratio
+LEAST_KEEPING_SHARE = 0.9  # share of neighbouring sets from which a claim holds
+IDEAL_BATCH, IDEAL_PERIOD = 2000, 0.01  # sets of the ideal in a batch; s between its rows, at which it is exact
 
 
 @dataclass(frozen=True)
@@ -33,8 +44,8 @@ class Sweep:
     M: Array
     B: Array
     K: Array
-    arm: Array
-    ideal: Array
+    arm_responses: Array
+    ideal_responses: Array
     seconds: float
     processor_seconds: float
 
@@ -44,7 +55,7 @@ class Sweep:
         return damping_ratio(self.M, self.B, self.K)
 
 
-def whole(bench: Bench, law: str) -> Sweep:
+def sweep_map(bench: Bench, law: str) -> Sweep:
     """Sweep the grid of a law's map.
 
     Args:
@@ -55,10 +66,10 @@ def whole(bench: Bench, law: str) -> Sweep:
         The sweep of SHAPE; each is simulated once a bench.
 
     """
-    return bench.once(("swept", law), partial(swept, bench, law, SHAPE))
+    return bench.compute_once(("swept", law), partial(sweep_grid, bench, law, GRID_SHAPE))
 
 
-def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
+def sweep_grid(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
     """Run every set of a grid: 10 s each at 1 kHz, with encoders of 4096 counts, the same pushes and noise for all.
 
     Args:
@@ -70,34 +81,43 @@ def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
         The responses of arm and ideal.
 
     """
-    sides = [np.geomspace(*RANGES[letter], count) for letter, count in zip("MBK", shape, strict=True)]
+    sides = [np.geomspace(*SWEPT_RANGES[letter], count) for letter, count in zip("MBK", shape, strict=True)]
     M, B, K = np.meshgrid(*sides, indexing="ij")
-    path, arm = turns(SECONDS), bench.lean()
+    path, arm = paper_circle(PUSHED_SECONDS), bench.lean_arm()
     gains = {
         f"{name}_{axis}": grid.ravel()
         for name, grid in (("mass", M), ("damping", B), ("stiffness", K))
         for axis in "xy"
     }
-    law_of = controller(arm, law, fine=True)
+    law_of = make_controller(arm, law, fine=True)
 
     def judge(tip: Array, _: Array) -> Array:
-        return answers(tip - path.position[:, None], PUSHES, PERIOD).reshape(tip.shape[1], -1)
+        return measure_responses(tip - path.position[:, None], CIRCLE_PUSHES, PERIOD).reshape(tip.shape[1], -1)
 
     begun, worked = time.perf_counter(), time.process_time()
-    found = closed_loops(arm, law_of, path, gains, judge, PUSHES, fine_sensors(), seed=1, threads=bench.threads)
+    found = closed_loops(arm, law_of, path, gains, judge, CIRCLE_PUSHES, fine_sensors(), seed=1, threads=bench.threads)
     took = time.perf_counter() - begun, time.process_time() - worked
-    ideal = bench.once(("ideal", shape), partial(_ideal, np.stack([M.ravel(), B.ravel(), K.ravel()], axis=1)))
-    size = (*shape, len(PUSHES), len(MEASURES))
+    ideal = bench.compute_once(
+        ("ideal", shape), partial(_sweep_ideal, np.stack([M.ravel(), B.ravel(), K.ravel()], axis=1))
+    )
+    size = (*shape, len(CIRCLE_PUSHES), len(RESPONSE_MEASURES))
     return Sweep(M, B, K, found.reshape(size), ideal.reshape(size), *took)
 
 
-def _ideal(sets: Array) -> Array:
+def _sweep_ideal(sets: Array) -> Array:
     """Responses (W, axes, 3) of the ideal with ``sets`` (W, 3) of M, B, K, the same for every law."""
-    parts = np.array_split(sets, max(1, len(sets) // TOGETHER))
-    return np.concatenate([answers(ideally(part, PUSHES, SECONDS, COARSE), PUSHES, COARSE) for part in parts])
+    parts = np.array_split(sets, max(1, len(sets) // IDEAL_BATCH))
+    return np.concatenate(
+        [
+            measure_responses(
+                simulate_ideal(part, CIRCLE_PUSHES, PUSHED_SECONDS, IDEAL_PERIOD), CIRCLE_PUSHES, IDEAL_PERIOD
+            )
+            for part in parts
+        ]
+    )
 
 
-def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, float]]:
+def mean_exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, float]]:
     """Compute the mean exponents of M, B and K in a measure of the push in x.
 
     Args:
@@ -112,9 +132,9 @@ def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, f
     """
     found: dict[str, dict[str, float]] = {}
     for letter in "MBK":
-        slope = _slopes(sweep, table, letter, measure)
+        slope = _log_slopes(sweep, table, letter, measure)
         found[letter] = {}
-        for region, (low, high) in REGIONS.items():
+        for region, (low, high) in DAMPING_REGIONS.items():
             inside = slope[(sweep.ratio >= low) & (sweep.ratio < high) & np.isfinite(slope)]
             found[letter][region] = float("nan")
             if len(inside) > 20:
@@ -122,9 +142,9 @@ def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, f
     return found
 
 
-def _slopes(sweep: Sweep, table: Array, letter: str, measure: str) -> Array:
+def _log_slopes(sweep: Sweep, table: Array, letter: str, measure: str) -> Array:
     """d log measure / d log letter at every set (m, b, k), NaN where the measure is too small."""
-    axis, values = "MBK".index(letter), table[..., 0, MEASURES.index(measure)]
+    axis, values = "MBK".index(letter), table[..., 0, RESPONSE_MEASURES.index(measure)]
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(np.where(values > 1e-4, values, np.nan))
     side = np.log(np.moveaxis(getattr(sweep, letter), axis, 0)[:, 0, 0])
@@ -132,7 +152,7 @@ def _slopes(sweep: Sweep, table: Array, letter: str, measure: str) -> Array:
     return slopes
 
 
-def powers(sweep: Sweep, table: Array, letter: str, measure: str) -> list[tuple[float, float]]:
+def exponents_by_ratio(sweep: Sweep, table: Array, letter: str, measure: str) -> list[tuple[float, float]]:
     """Compute the mean exponent of a letter in a measure of the push in x, by damping ratio.
 
     Args:
@@ -145,9 +165,9 @@ def powers(sweep: Sweep, table: Array, letter: str, measure: str) -> list[tuple[
         Damping ratio and exponent of each class of damping ratio with enough sets.
 
     """
-    slope = _slopes(sweep, table, letter, measure)
+    slope = _log_slopes(sweep, table, letter, measure)
     found = []
-    for low, high in pairwise(CLASSES):
+    for low, high in pairwise(RATIO_EDGES):
         inside = slope[(sweep.ratio >= low) & (sweep.ratio < high) & np.isfinite(slope)]
         if len(inside) >= 10:
             found.append((float(np.sqrt(low * high)), float(np.mean(inside))))
@@ -168,8 +188,8 @@ def share_that_keeps(sweep: Sweep, letter: str, measure: str, sign: int) -> list
         that never settles counts as the last to settle; a lost arm does not count.
 
     """
-    axis, values = "MBK".index(letter), sweep.arm[..., 0, MEASURES.index(measure)]
-    lost = np.isnan(sweep.arm[..., 0, MEASURES.index("largest")])
+    axis, values = "MBK".index(letter), sweep.arm_responses[..., 0, RESPONSE_MEASURES.index(measure)]
+    lost = np.isnan(sweep.arm_responses[..., 0, RESPONSE_MEASURES.index("largest")])
     values = np.where(np.isnan(values) & ~lost, np.inf, values)
     with np.errstate(invalid="ignore"):  # of two runs that never settle neither is first
         step = np.diff(values, axis=axis)
@@ -177,7 +197,7 @@ def share_that_keeps(sweep: Sweep, letter: str, measure: str, sign: int) -> list
     middle = np.moveaxis(sweep.ratio, axis, 0)
     ratio = np.moveaxis(np.sqrt(middle[1:] * middle[:-1]), 0, axis)
     found = []
-    for low, high in pairwise(CLASSES):
+    for low, high in pairwise(RATIO_EDGES):
         inside = (ratio >= low) & (ratio < high) & ~np.isnan(step)
         if inside.sum() >= 10:
             keeps = sign * step[inside] > -1e-3 * usual
@@ -186,10 +206,10 @@ def share_that_keeps(sweep: Sweep, letter: str, measure: str, sign: int) -> list
 
 
 def _nine_in_ten(share: float) -> bool:
-    return share >= KEEPS
+    return share >= LEAST_KEEPING_SHARE
 
 
-def held(
+def longest_range_that_keeps(
     shares: list[tuple[float, float]], keeps: Callable[[float], bool] = _nine_in_ten
 ) -> tuple[float, float] | None:
     """Find the longest range of damping ratios whose classes all keep a claim.

@@ -9,45 +9,51 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.control.reference_motion import Reference
 from hdagen.log.measured_log import Log
-from hdagen.paper.figures.compliance_figures import BASE, SECONDS
+from hdagen.paper.figures.compliance_figures import BASE_SET, PUSHED_SECONDS
 from hdagen.paper.prototype.figure_result import Axes, Cell, Claim, Curve, Grid, Part, Result
-from hdagen.paper.prototype.step_response import answers, ideally
-from hdagen.paper.prototype.torque_estimator import estimated, rms
+from hdagen.paper.prototype.step_response import measure_responses, simulate_ideal
+from hdagen.paper.prototype.torque_estimator import column_rms, estimate_torques
 from hdagen.paper.prototype.virtual_prototype import (
-    BANDS,
-    LAWS,
+    CARTESIAN_LAWS,
+    CIRCLE_PUSHES,
     PERIOD,
-    PUSHES,
-    THREE,
+    PUSH_BANDS,
+    THREE_JOINTS,
     Bench,
-    cartesian,
-    controller,
+    cartesian_gains,
     fine_sensors,
-    turns,
+    make_controller,
+    paper_circle,
 )
 from hdagen.simulation.simulator import run
 
-NEAR = (1.2, -0.9, -1.3)  # rad: bent posture near which the arm starts
+START_POSTURE = (1.2, -0.9, -1.3)  # rad: bent posture near which the arm starts
 
 
-def joints3(bench: Bench) -> Result:
+def make_joints3(bench: Bench) -> Result:
     """Make the outlook's figure: impedance and admittance control of three joints, and their estimated torques."""
-    path, arm = turns(SECONDS), bench.arm(THREE)
+    path, arm = paper_circle(PUSHED_SECONDS), bench.arm(THREE_JOINTS)
     runs = {
         law: run(
-            arm, controller(arm, law, cartesian(*BASE.values()), fine=True), path, PUSHES, fine_sensors(3), 1, NEAR
+            arm,
+            make_controller(arm, law, cartesian_gains(*BASE_SET.values()), fine=True),
+            path,
+            CIRCLE_PUSHES,
+            fine_sensors(3),
+            1,
+            START_POSTURE,
         )
-        for law in LAWS
+        for law in CARTESIAN_LAWS
     }
-    ideal = ideally(np.array([list(BASE.values())]), PUSHES, SECONDS, PERIOD)[:, 0]
+    ideal = simulate_ideal(np.array([list(BASE_SET.values())]), CIRCLE_PUSHES, PUSHED_SECONDS, PERIOD)[:, 0]
     moved = {law: one.tip - path.position for law, one in runs.items()}
     gap = {law: float(np.linalg.norm(off - ideal, axis=1).max() / np.abs(ideal).max()) for law, off in moved.items()}
     log, truth = runs["impedance"].log, runs["impedance"].joint_torque
-    found = estimated(arm, log)
-    error, peak = rms(found.whole - truth), np.abs(truth).max(axis=0)
-    parts: list[Part] = [*_panels(path, moved, ideal, log, truth, found.whole)]
-    answer = {law: answers(off[:, None], PUSHES, PERIOD)[0] for law, off in moved.items()}
-    promised = answers(ideal[:, None], PUSHES, PERIOD)[0]
+    found = estimate_torques(arm, log)
+    error, peak = column_rms(found.whole - truth), np.abs(truth).max(axis=0)
+    parts: list[Part] = [*_draw_panels(path, moved, ideal, log, truth, found.whole)]
+    answer = {law: measure_responses(off[:, None], CIRCLE_PUSHES, PERIOD)[0] for law, off in moved.items()}
+    promised = measure_responses(ideal[:, None], CIRCLE_PUSHES, PERIOD)[0]
     rows: list[list[Cell]] = []
     for law, table in {**answer, "ideal": promised}.items():
         scaled = table * np.array([1.0, 100.0, 1e3])
@@ -81,18 +87,18 @@ def joints3(bench: Bench) -> Result:
         numbers,
         2,
         logs=logs,
-        robots=dict.fromkeys(logs, bench.robot_file({}, THREE, fine_sensors(3))),
+        robots=dict.fromkeys(logs, bench.robot_file({}, THREE_JOINTS, fine_sensors(3))),
     )
 
 
-def _panels(
+def _draw_panels(
     path: Reference, moved: Mapping[str, Array], ideal: Array, log: Log, truth: Array, found: Array
 ) -> Iterator[Axes]:
     time = path.time
     for axis, word in enumerate("xy"):
         curves = [Curve(law, time, off[:, axis]) for law, off in moved.items()]
         curves.append(Curve("ideal", time, ideal[:, axis], color="ink", dash="dotted"))
-        yield Axes(f"in {word}", "time (s)", "tip off the circle (m)", curves, bands=[BANDS[axis]])
+        yield Axes(f"in {word}", "time (s)", "tip off the circle (m)", curves, bands=[PUSH_BANDS[axis]])
     angles = [Curve(f"joint {j}", time, log[f"joint_position_{j}"]) for j in (1, 2, 3)]
     yield Axes("joint angles, impedance control", "time (s)", "joint angle (rad)", angles)
     torques = [

@@ -20,40 +20,40 @@ from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.paper.prototype.virtual_prototype import (
     ROBOT,
-    STRUCTURE,
-    TURN,
+    STRUCTURE_FAULTS,
+    TURN_SECONDS,
     Bench,
-    cartesian,
-    controller,
+    cartesian_gains,
     encoders_of,
-    guard,
-    turns,
+    make_controller,
+    make_guard,
+    paper_circle,
 )
-from hdagen.simulation.simulator import Push, Simulation, World, run
+from hdagen.simulation.simulator import EnvironmentForce, Push, Simulation, run
 
-SECONDS = 3 * TURN
-STARTS = 1.0  # s in which the circle is brought to speed; they do not count
-SHOVE = 10.0  # N, assumed; the paper says "an external force"
-SHOVES = (Push(6.0, 7.0, (SHOVE, 0.0)), Push(8.0, 9.0, (0.0, SHOVE)))
-SHOWN = ((6.0, 7.0, f"{SHOVE:g} N in x"), (8.0, 9.0, f"{SHOVE:g} N in y"))
-PUBLISHED = {"impedance": (0.001, 1e-10, 1e-5), "admittance": (1000.0, 0.5, 10.0)}  # kg, N s/m, N/m: Table III
-SENSIBLE = (2.0, 45.0, 500.0)  # a load for a hand, damping ratio 0.7, 20 mm under the push
+TRACKING_SECONDS = 3 * TURN_SECONDS
+SETTLING_SECONDS = 1.0  # s in which the circle is brought to speed; they do not count
+SHOVE_FORCE = 10.0  # N, assumed; the paper says "an external force"
+TRACKING_PUSHES = (Push(6.0, 7.0, (SHOVE_FORCE, 0.0)), Push(8.0, 9.0, (0.0, SHOVE_FORCE)))
+TRACKING_PUSH_BANDS = ((6.0, 7.0, f"{SHOVE_FORCE:g} N in x"), (8.0, 9.0, f"{SHOVE_FORCE:g} N in y"))
+PUBLISHED_SETS = {"impedance": (0.001, 1e-10, 1e-5), "admittance": (1000.0, 0.5, 10.0)}  # kg, N s/m, N/m: Table III
+TRACKING_SET = (2.0, 45.0, 500.0)  # a load for a hand, damping ratio 0.7, 20 mm under the push
 TABLE_4 = {"impedance": ((3.1, 3.6), (1.5, 0.3), (2.4, 1.8)), "admittance": ((3.4, 3.7), (0.4, 1.5), (1.7, 0.8))}  # mm
 
 
 @dataclass(frozen=True)
-class Tracked:
-    """A run along a ``path`` (T, 2, m): ``refused`` counts the ticks that the guard refused; ``lost`` is the time of
+class TrackingRun:
+    """A run along a ``path`` (T, 2, m): ``refused`` counts the ticks that the guard refused; ``lost_at`` is the time of
     the first of them, s (None without one), ``fault`` its message."""
 
     simulation: Simulation
     path: Array
-    refused: int
-    lost: float | None
+    refused_ticks: int
+    lost_at: float | None
     fault: str
 
     @property
-    def off(self) -> Array:
+    def path_error(self) -> Array:
         """Path error (T, 2, m): the tip less the path."""
         return self.simulation.tip - self.path
 
@@ -62,7 +62,7 @@ class Tracked:
         """The log of the run."""
         return self.simulation.log
 
-    def errors(self, circles: Sequence[int]) -> Array:
+    def error_statistics(self, circles: Sequence[int]) -> Array:
         """Compute the largest error, the mean and the standard deviation over whole circles without the start.
 
         Args:
@@ -72,10 +72,10 @@ class Tracked:
             The three by axis (3, 2), m.
 
         """
-        off = self.over(circles)
+        off = self.path_error_over(circles)
         return np.stack([np.abs(off).max(axis=0), np.abs(off.mean(axis=0)), off.std(axis=0)])
 
-    def over(self, circles: Sequence[int]) -> Array:
+    def path_error_over(self, circles: Sequence[int]) -> Array:
         """Select the path error of whole circles without the start.
 
         Args:
@@ -88,11 +88,11 @@ class Tracked:
         time = self.log.time
         rows = np.zeros(len(time), bool)
         for k in circles:
-            rows |= (time >= max(k * TURN, STARTS)) & (time < (k + 1) * TURN)
-        return self.off[rows]
+            rows |= (time >= max(k * TURN_SECONDS, SETTLING_SECONDS)) & (time < (k + 1) * TURN_SECONDS)
+        return self.path_error[rows]
 
 
-def tracked(
+def track_circle(
     bench: Bench,
     law: str,
     mbk: tuple[float, float, float],
@@ -101,9 +101,9 @@ def tracked(
     fine: bool = False,
     changes: Mapping[str, float] | None = None,
     gains: Mapping[str, float] | None = None,
-    world: World | None = None,
+    world: EnvironmentForce | None = None,
     seed: int = 1,
-) -> Tracked:
+) -> TrackingRun:
     """Run a law on the prototype along the circle; the controller does not know ``changes``.
 
     Args:
@@ -123,21 +123,23 @@ def tracked(
 
     """
     if law == "predictive":
-        regulator = predictive(bench, mbk)
+        regulator = make_predictive_controller(bench, mbk)
     else:
-        regulator = controller(bench.once("known", bench.arm), law, {**cartesian(*mbk), **(gains or {})}, fine)
-    return followed(bench.arm(changes=changes), regulator, pushes, seconds, fine, world, seed)
+        regulator = make_controller(
+            bench.compute_once("known", bench.arm), law, {**cartesian_gains(*mbk), **(gains or {})}, fine
+        )
+    return follow_circle(bench.arm(changes=changes), regulator, pushes, seconds, fine, world, seed)
 
 
-def followed(
+def follow_circle(
     plant: Arm,
     regulator: Controller,
     pushes: Sequence[Push],
     seconds: float,
     fine: bool = False,
-    world: World | None = None,
+    world: EnvironmentForce | None = None,
     seed: int = 1,
-) -> Tracked:
+) -> TrackingRun:
     """Run a controller along the circle.
 
     Args:
@@ -153,17 +155,17 @@ def followed(
         The run.
 
     """
-    path = turns(seconds)
+    path = paper_circle(seconds)
     found = run(plant, regulator, path, pushes, encoders_of(fine), seed, world=world)
     refused = np.flatnonzero(found.status < 0)
     if not len(refused):
-        return Tracked(found, path.position, 0, None, "")
+        return TrackingRun(found, path.position, 0, None, "")
     first = int(refused[0])
     fault = regulator.sentence(int(found.status[first]))
-    return Tracked(found, path.position, len(refused), float(found.log.time[first]), fault)
+    return TrackingRun(found, path.position, len(refused), float(found.log.time[first]), fault)
 
 
-def predictive(bench: Bench, mbk: tuple[float, float, float], force: str = "sensor") -> Controller:
+def make_predictive_controller(bench: Bench, mbk: tuple[float, float, float], force: str = "sensor") -> Controller:
     """Make predictive control of an admittance.
 
     Args:
@@ -177,23 +179,23 @@ def predictive(bench: Bench, mbk: tuple[float, float, float], force: str = "sens
     """
     names = ("mass", "damping", "stiffness")
     admittance: dict[str, Any] = {f"admittance__{name}": value for name, value in zip(names, mbk, strict=True)}
-    wanted = Configuration().changed(**admittance, admittance__force=force)
-    arm: Arm = bench.once("predictive", lambda: load(ROBOT, bench.profile, mpc=wanted))
-    return MPC(arm, wanted, guard())
+    wanted = Configuration().with_changes(**admittance, admittance__force=force)
+    arm: Arm = bench.compute_once("predictive", lambda: load(ROBOT, bench.profile, mpc=wanted))
+    return MPC(arm, wanted, make_guard())
 
 
-CASES = {  # law, M, B and K, whether with encoders of 4096 counts
-    "impedance": ("impedance", SENSIBLE, False),
-    "admittance": ("admittance", SENSIBLE, False),
-    "predictive": ("predictive", SENSIBLE, False),
-    "impedance, 4096 counts": ("impedance", SENSIBLE, True),
-    "admittance, 4096 counts": ("admittance", SENSIBLE, True),
-    "impedance, Table III": ("impedance", PUBLISHED["impedance"], False),
-    "admittance, Table III": ("admittance", PUBLISHED["admittance"], False),
+TRACKING_CASES = {  # law, M, B and K, whether with encoders of 4096 counts
+    "impedance": ("impedance", TRACKING_SET, False),
+    "admittance": ("admittance", TRACKING_SET, False),
+    "predictive": ("predictive", TRACKING_SET, False),
+    "impedance, 4096 counts": ("impedance", TRACKING_SET, True),
+    "admittance, 4096 counts": ("admittance", TRACKING_SET, True),
+    "impedance, Table III": ("impedance", PUBLISHED_SETS["impedance"], False),
+    "admittance, Table III": ("admittance", PUBLISHED_SETS["admittance"], False),
 }
 
 
-def case(bench: Bench, name: str) -> Tracked:
+def run_case(bench: Bench, name: str) -> TrackingRun:
     """Run one of CASES.
 
     Args:
@@ -204,11 +206,13 @@ def case(bench: Bench, name: str) -> Tracked:
         The run; each is simulated once a bench.
 
     """
-    law, mbk, fine = CASES[name]
-    return bench.once(("tracked", name), partial(tracked, bench, law, mbk, SHOVES, SECONDS, fine))
+    law, mbk, fine = TRACKING_CASES[name]
+    return bench.compute_once(
+        ("tracked", name), partial(track_circle, bench, law, mbk, TRACKING_PUSHES, TRACKING_SECONDS, fine)
+    )
 
 
-def built(bench: Bench, law: str, part: str) -> Tracked:
+def run_with_structure_fault(bench: Bench, law: str, part: str) -> TrackingRun:
     """Run a law on an arm with a fault of its structure.
 
     Args:
@@ -220,12 +224,14 @@ def built(bench: Bench, law: str, part: str) -> Tracked:
         The run; each is simulated once a bench.
 
     """
-    changes = dict(STRUCTURE).get(part) or {name: v for one in STRUCTURE.values() for name, v in one.items()}
-    make = partial(tracked, bench, law, SENSIBLE, SHOVES, SECONDS, changes=changes)
-    return bench.once(("built", law, part), make)
+    changes = dict(STRUCTURE_FAULTS).get(part) or {
+        name: v for one in STRUCTURE_FAULTS.values() for name, v in one.items()
+    }
+    make = partial(track_circle, bench, law, TRACKING_SET, TRACKING_PUSHES, TRACKING_SECONDS, changes=changes)
+    return bench.compute_once(("built", law, part), make)
 
 
-def cases(bench: Bench) -> dict[str, Tracked]:
+def run_cases(bench: Bench) -> dict[str, TrackingRun]:
     """Run all of CASES.
 
     Args:
@@ -235,4 +241,4 @@ def cases(bench: Bench) -> dict[str, Tracked]:
         The runs by key.
 
     """
-    return {name: case(bench, name) for name in CASES}
+    return {name: run_case(bench, name) for name in TRACKING_CASES}

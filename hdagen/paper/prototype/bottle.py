@@ -13,11 +13,14 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 
-MASS, RADIUS = 6.0, 0.09  # kg, m: six litres; assumed: a bottle about 24 cm high
-FRICTION = 0.3  # assumed: PET on a table; it slides from 17.7 N on
-STIFFNESS, DAMPING = 5e3, 20.0  # N/m, N s/m, assumed: a full bottle's wall gives 4 mm where it begins to slide
+BOTTLE_MASS, BOTTLE_RADIUS = 6.0, 0.09  # kg, m: six litres; assumed: a bottle about 24 cm high
+BOTTLE_FRICTION = 0.3  # assumed: PET on a table; it slides from 17.7 N on
+BOTTLE_STIFFNESS, BOTTLE_DAMPING = (
+    5e3,
+    20.0,
+)  # N/m, N s/m, assumed: a full bottle's wall gives 4 mm where it begins to slide
 GRAVITY = 9.81
-PARTS = 10  # steps of the bottle per tick
+STEPS_PER_TICK = 10  # steps of the bottle per tick
 
 
 @dataclass
@@ -28,9 +31,9 @@ class Bottle:
 
     at: tuple[float, float]
     period: float = 1e-3
-    mass: float = MASS
-    stiffness: float = STIFFNESS
-    friction: float = FRICTION
+    mass: float = BOTTLE_MASS
+    stiffness: float = BOTTLE_STIFFNESS
+    friction: float = BOTTLE_FRICTION
     force: list[Array] = field(default_factory=list)
     place: list[Array] = field(default_factory=list)
     depth: list[float] = field(default_factory=list)
@@ -45,25 +48,25 @@ class Bottle:
         nx, ny = 0.0, 1.0
         if away:
             nx, ny = (x - px) / away, (y - py) / away
-        depth, size = RADIUS - away, 0.0
+        depth, size = BOTTLE_RADIUS - away, 0.0
         if depth > 0:
             closing = -(nx * (float(velocity[0]) - vx) + ny * (float(velocity[1]) - vy))
-            size = max(self.stiffness * depth + DAMPING * closing, 0.0)
+            size = max(self.stiffness * depth + BOTTLE_DAMPING * closing, 0.0)
         push = np.array([size * nx, size * ny])
         self.force.append(push)
         self.place.append(self.p)
         self.depth.append(depth)
-        self._slide(-size * nx, -size * ny, vx, vy)
+        self._slide_bottle(-size * nx, -size * ny, vx, vy)
         return push
 
-    def _slide(self, fx: float, fy: float, vx: float, vy: float) -> None:
+    def _slide_bottle(self, fx: float, fy: float, vx: float, vy: float) -> None:
         """Move the bottle under force and Coulomb friction, which holds at rest, opposes motion and stops it."""
-        level, h = self.friction * self.mass * GRAVITY, self.period / PARTS
+        level, h = self.friction * self.mass * GRAVITY, self.period / STEPS_PER_TICK
         pushed = hypot(fx, fy)
         if vx == vy == 0.0 and pushed <= level:
             return
         px, py = self.p.tolist()
-        for _ in range(PARTS):
+        for _ in range(STEPS_PER_TICK):
             if vx == vy == 0.0:
                 if pushed <= level:
                     break

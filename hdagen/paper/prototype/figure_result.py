@@ -48,7 +48,9 @@ class Curve:
     width: float = 1.5
 
 
-def path(label: str, points: Array, color: str | None = None, dash: str | None = None, width: float = 1.5) -> Curve:
+def plot_path(
+    label: str, points: Array, color: str | None = None, dash: str | None = None, width: float = 1.5
+) -> Curve:
     """Make the curve through points of the plane.
 
     Args:

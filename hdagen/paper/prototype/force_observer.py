@@ -22,23 +22,23 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guarded_controller import Controller, Guard
 from hdagen.paper.prototype.torque_estimator import by_joint
 
-BANDWIDTH = 20.0  # rad/s of the observer, as that of the inner loops for Hall sensors
-WINDING = 20.0  # Hz: a faster torsion winds no hysteresis, as the encoders' counts make it
-SINGULAR = 1e-6  # m², added to J Jᵀ, so that a straight arm gives a finite force
+OBSERVER_BANDWIDTH = 20.0  # rad/s of the observer, as that of the inner loops for Hall sensors
+WINDING_FREQUENCY = 20.0  # Hz: a faster torsion winds no hysteresis, as the encoders' counts make it
+SINGULAR_DAMPING = 1e-6  # m², added to J Jᵀ, so that a straight arm gives a finite force
 
 
-class TipForce:
+class TipForceObserver:
     """Observer of F_e from encoders; ``model`` has the known springs, kinematic torsion, hysteresis and links."""
 
-    def __init__(self, model: Arm, period: float, bandwidth: float = BANDWIDTH) -> None:
+    def __init__(self, model: Arm, period: float, bandwidth: float = OBSERVER_BANDWIDTH) -> None:
         self.n, self.period, self.bandwidth = model.n, period, bandwidth
         self.height, angle = by_joint(model, "hysteresis_torque"), by_joint(model, "hysteresis_angle")
         self.angle = np.where(angle > 0, angle, np.inf)
-        self.share = 1 - np.exp(-2 * np.pi * WINDING * period)
-        self._bind(model)
+        self.share = 1 - np.exp(-2 * np.pi * WINDING_FREQUENCY * period)
+        self._bind_functions(model)
         self.restart()
 
-    def _bind(self, model: Arm) -> None:
+    def _bind_functions(self, model: Arm) -> None:
         """Bind the model's functions to buffers."""
         n, module, c = self.n, model.module, model.c.copy()
         self.theta, self.q, self.v = np.zeros(n), np.zeros(n), np.zeros(n)
@@ -85,12 +85,12 @@ class TipForce:
             function.run()
         if not self.begun:
             self.begun, self.phi = True, self.torsion.copy()
-        torque = self.torque + self.height * self._wind()
+        torque = self.torque + self.height * self._wind_hysteresis()
         self.total += h * (torque + self.C.T @ self.v - self.g + self.r)
         self.r = self.bandwidth * (self.M @ self.v - self.total)
-        return _solved(self.J @ self.J.T, self.J @ self.r)
+        return _solve_damped(self.J @ self.J.T, self.J @ self.r)
 
-    def _wind(self) -> Array:
+    def _wind_hysteresis(self) -> Array:
         """Advance the hysteresis state (n,), dz = (dφ − |dφ| z)/δ along the torsion below WINDING, exactly."""
         step = self.share * (self.torsion - self.phi)
         self.phi += step
@@ -99,29 +99,35 @@ class TipForce:
         return self.wound
 
 
-def _solved(A: Array, b: Array) -> Array:
+def _solve_damped(A: Array, b: Array) -> Array:
     """Solve (A + SINGULAR 1) x = b of two axes, written out for speed."""
     (xx, xy), (_, yy) = A.tolist()
     x, y = b.tolist()
-    xx, yy = xx + SINGULAR, yy + SINGULAR
+    xx, yy = xx + SINGULAR_DAMPING, yy + SINGULAR_DAMPING
     share = 1.0 / (xx * yy - xy * xy)
     return np.array([share * (yy * x - xy * y), share * (xx * y - xy * x)])
 
 
-class Sensorless(Controller):
-    """A law of ``arm`` that never sees the force sensor. ``felt``: the observed F_e of each tick (2, N)."""
+class SensorlessController(Controller):
+    """A law of ``arm`` that never sees the force sensor. ``estimated_forces``: the observed F_e of each tick (2, N)."""
 
     def __init__(
-        self, arm: Arm, law: str, guard: Guard, gains: Mapping[str, float], model: Arm, bandwidth: float = BANDWIDTH
+        self,
+        arm: Arm,
+        law: str,
+        guard: Guard,
+        gains: Mapping[str, float],
+        model: Arm,
+        bandwidth: float = OBSERVER_BANDWIDTH,
     ) -> None:
-        self.observer, self.felt = TipForce(model, guard.period, bandwidth), list[Array]()
+        self.observer, self.estimated_forces = TipForceObserver(model, guard.period, bandwidth), list[Array]()
         super().__init__(arm, law, guard, gains)
 
     def restart(self) -> None:
         """Start again, as a new controller."""
         super().restart()
         self.observer.restart()
-        self.felt = []
+        self.estimated_forces = []
 
     def tick(self, now: float, *given: Any, **named: Any) -> int:
         """Run one tick of the law from the encoders alone.
@@ -136,5 +142,5 @@ class Sensorless(Controller):
 
         """
         self.tip_force[:] = self.observer.tick(self.motor_position, self.joint_position)
-        self.felt.append(self.tip_force.copy())
+        self.estimated_forces.append(self.tip_force.copy())
         return super().tick(now, *given, **named)

@@ -14,29 +14,29 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.log.measured_log import Log
-from hdagen.paper.prototype.virtual_prototype import PERIOD, Bench, Driven, driven, encoders_of
+from hdagen.paper.prototype.virtual_prototype import PERIOD, Bench, DrivenRun, drive_arm, encoders_of
 
-ORDER = 5
-SMOOTH = 101  # rows of the parabolas whose curvature is the acceleration
-INSIDE = 0.02  # rad from an end of the turn, where the published torsion jumps, to the first angle of a motion
-RISE = 0.05  # s in which the torque rises
+POLYNOMIAL_ORDER = 5
+PARABOLA_ROWS = 101  # rows of the parabolas whose curvature is the acceleration
+END_MARGIN = 0.02  # rad from an end of the turn, where the published torsion jumps, to the first angle of a motion
+TORQUE_RISE_SECONDS = 0.05  # s in which the torque rises
 
 
 @dataclass(frozen=True)
-class Fit:
+class TorsionFit:
     """Coefficients (6, rad) of (13) with their covariance (6, 6); the residual (rows,) and its rms ``rest``, rad."""
 
     coefficients: Array
     covariance: Array
-    rest: float
+    residual_rms: float
     residual: Array
 
     @property
-    def errors(self) -> Array:
+    def standard_errors(self) -> Array:
         """Standard errors of the coefficients (6, rad)."""
         return np.sqrt(np.diag(self.covariance))
 
-    def off_by(self, published: Sequence[float]) -> Array:
+    def deviations_from(self, published: Sequence[float]) -> Array:
         """Compare each coefficient with the published one.
 
         Args:
@@ -46,9 +46,9 @@ class Fit:
             Found less published, in standard errors (6,).
 
         """
-        return (self.coefficients - np.asarray(published)) / self.errors
+        return (self.coefficients - np.asarray(published)) / self.standard_errors
 
-    def distance(self, published: Sequence[float]) -> float:
+    def squared_distance_to(self, published: Sequence[float]) -> float:
         """Compare all coefficients with the published ones together.
 
         Args:
@@ -62,7 +62,7 @@ class Fit:
         return float(off @ np.linalg.solve(self.covariance, off))
 
 
-def turned(
+def turn_joint(
     bench: Bench,
     j: int,
     above: float,
@@ -71,7 +71,7 @@ def turned(
     turns: float = 1.0,
     fine: bool = False,
     repeat: int = 0,
-) -> Driven:
+) -> DrivenRun:
     """Turn a joint by a constant motor torque from one end of its turns to the other.
 
     Args:
@@ -92,19 +92,19 @@ def turned(
     torque = arm.parameters[f"coulomb_friction_{j}"] + above
     seconds = 1.5 + 3.2 * turns
     current = np.zeros((round(seconds / PERIOD), 2))
-    begun = np.clip(np.arange(len(current)) * PERIOD / RISE, 0, 1)
+    begun = np.clip(np.arange(len(current)) * PERIOD / TORQUE_RISE_SECONDS, 0, 1)
     current[:, j - 1] = begun * direction * torque / arm.parameters[f"torque_constant_{j}"]
     q = np.zeros(2)
     seed = 10_000 * repeat + 1000 * j + round(1e4 * above)  # no two logs have the same noise
     if direction > 0:
-        q[j - 1] = INSIDE
+        q[j - 1] = END_MARGIN
         seed += 500
     else:
-        q[j - 1] = 2 * np.pi * turns - INSIDE
-    return driven(arm, current, np.zeros((len(current), 2)), q, encoders_of(fine), seed)
+        q[j - 1] = 2 * np.pi * turns - END_MARGIN
+    return drive_arm(arm, current, np.zeros((len(current), 2)), q, encoders_of(fine), seed)
 
 
-def difference(log: Log, j: int, ratio: float) -> tuple[Array, Array]:
+def angle_difference(log: Log, j: int, ratio: float) -> tuple[Array, Array]:
     """Compute the angles' difference of (12).
 
     Args:
@@ -120,14 +120,14 @@ def difference(log: Log, j: int, ratio: float) -> tuple[Array, Array]:
     return turn / (2 * np.pi), turn - log[f"joint_position_{j}"]
 
 
-def acceleration(log: Log, j: int) -> Array:
+def joint_acceleration(log: Log, j: int) -> Array:
     """Acceleration of the joint (T,), rad/s², from parabolas."""
     from scipy.signal import savgol_filter
 
-    return savgol_filter(log[f"joint_position_{j}"], SMOOTH, 2, deriv=2, delta=PERIOD)
+    return savgol_filter(log[f"joint_position_{j}"], PARABOLA_ROWS, 2, deriv=2, delta=PERIOD)
 
 
-def fit(logs: Sequence[tuple[Log, int, float]], j: int, ratio: float, turns: float = 1.0) -> Fit:
+def fit_torsion(logs: Sequence[tuple[Log, int, float]], j: int, ratio: float, turns: float = 1.0) -> TorsionFit:
     """Fit (13) to logs by least squares, with a torsion by acceleration and, for each torque, one by direction.
 
     Args:
@@ -143,12 +143,12 @@ def fit(logs: Sequence[tuple[Log, int, float]], j: int, ratio: float, turns: flo
     blocks, values = [], []
     levels = sorted({above for _, _, above in logs})
     for log, direction, above in logs:
-        s, y = difference(log, j, ratio)
+        s, y = angle_difference(log, j, ratio)
         inside = (s >= 0) & (s <= turns) & (log.time > 0.1)
         beside = np.zeros((len(s), 1 + len(levels)))
-        beside[:, 0] = acceleration(log, j)
+        beside[:, 0] = joint_acceleration(log, j)
         beside[:, 1 + levels.index(above)] = direction
-        blocks.append(np.hstack([np.vander(s, ORDER + 1, increasing=True), beside])[inside])
+        blocks.append(np.hstack([np.vander(s, POLYNOMIAL_ORDER + 1, increasing=True), beside])[inside])
         values.append(y[inside])
     X, y = np.vstack(blocks), np.concatenate(values)
     scale = np.linalg.norm(X, axis=0)
@@ -156,6 +156,8 @@ def fit(logs: Sequence[tuple[Log, int, float]], j: int, ratio: float, turns: flo
     residual = y - (X / scale) @ found
     inverse = np.linalg.inv((X / scale).T @ (X / scale))
     score = X / scale * residual[:, None]  # White's covariance: independent noise whose size varies along the turn
-    covariance = (inverse @ (score.T @ score) @ inverse / np.outer(scale, scale))[: ORDER + 1, : ORDER + 1]
+    covariance = (inverse @ (score.T @ score) @ inverse / np.outer(scale, scale))[
+        : POLYNOMIAL_ORDER + 1, : POLYNOMIAL_ORDER + 1
+    ]
     rest = float(np.sqrt(np.mean(residual**2)))
-    return Fit((found / scale)[: ORDER + 1], covariance, rest, residual)
+    return TorsionFit((found / scale)[: POLYNOMIAL_ORDER + 1], covariance, rest, residual)

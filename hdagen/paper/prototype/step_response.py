@@ -10,13 +10,13 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.simulation.simulator import Push
 
-BAND = 0.1  # share of the largest displacement within which the tip is settled
-WINDOW = 2.0  # s after the push in which the tip has to settle
-MEASURES = ("settling", "overshoot", "largest")
-LOST = 0.5  # m: farther off, the arm is no longer under control
+SETTLED_BAND = 0.1  # share of the largest displacement within which the tip is settled
+SETTLING_WINDOW = 2.0  # s after the push in which the tip has to settle
+RESPONSE_MEASURES = ("settling", "overshoot", "largest")
+LOST_DISTANCE = 0.5  # m: farther off, the arm is no longer under control
 
 
-def answers(moved: Array, pushes: Sequence[Push], period: float) -> Array:
+def measure_responses(moved: Array, pushes: Sequence[Push], period: float) -> Array:
     """Measure the responses to pushes.
 
     Args:
@@ -25,20 +25,20 @@ def answers(moved: Array, pushes: Sequence[Push], period: float) -> Array:
         period: time between rows, s.
 
     Returns:
-        `MEASURES` along each push (W, axes, 3): the settling time after it, s (NaN where the tip does not settle within
-        WINDOW); the swing past the path as a share of the largest displacement; the largest displacement, m. NaN where
-        the arm was lost.
+        `RESPONSE_MEASURES` along each push (W, axes, 3): the settling time after it, s (NaN where the tip does not
+        settle within WINDOW); the swing past the path as a share of the largest displacement; the largest displacement,
+        m. NaN where the arm was lost.
 
     """
     found = []
     for push in pushes:
         axis = int(np.argmax(np.abs(push.force)))
         begin, end = round(push.start / period), round(push.end / period)
-        along = moved[begin : end + round(WINDOW / period), :, axis] * np.sign(push.force[axis])
-        lost = ~(np.abs(along).max(axis=0) < LOST)
+        along = moved[begin : end + round(SETTLING_WINDOW / period), :, axis] * np.sign(push.force[axis])
+        lost = ~(np.abs(along).max(axis=0) < LOST_DISTANCE)
         during, after = along[: end - begin + round(0.2 / period)], along[end - begin :]
         largest = np.where(lost, np.nan, during.max(axis=0))
-        outside = np.abs(after) > BAND * largest
+        outside = np.abs(after) > SETTLED_BAND * largest
         last = len(after) - np.argmax(outside[::-1], axis=0)
         settling = np.where(outside.any(axis=0), last * period, 0.0)
         settling = np.where(lost | outside[-1], np.nan, settling)
@@ -47,7 +47,7 @@ def answers(moved: Array, pushes: Sequence[Push], period: float) -> Array:
     return np.stack(found, axis=1)
 
 
-def ideally(sets: Array, pushes: Sequence[Push], seconds: float, period: float) -> Array:
+def simulate_ideal(sets: Array, pushes: Sequence[Push], seconds: float, period: float) -> Array:
     """Simulate M ẍ + B ẋ + K x = F, exact from row to row with the force held.
 
     Args:

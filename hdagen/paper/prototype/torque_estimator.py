@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.log.channel_statistics import describe
+from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
 from hdagen.paper.prototype.virtual_prototype import PERIOD
 
 Rows = NDArray[np.bool_]
-PASSED = 0.6  # periods of an oscillation in a window of cubics that pass it to 1 %
-HAND = 10.0  # Hz, assumed: a hand's force has no faster part
+PASSED_PERIODS = 0.6  # periods of an oscillation in a window of cubics that pass it to 1 %
+HAND_FREQUENCY = 10.0  # Hz, assumed: a hand's force has no faster part
 HALL_SMOOTHING = 0.201  # s, for Hall sensors, a count of which is three times the torsion of the friction
-CERTAIN = 1.0  # standard deviations of the noise above which the torsion counts as changed
-MOVING = 0.05  # rad/s of the joint; the sign of dry friction is unknown below
+CERTAIN_DEVIATIONS = 1.0  # standard deviations of the noise above which the torsion counts as changed
+LEAST_MOVING_SPEED = 0.05  # rad/s of the joint; the sign of dry friction is unknown below
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,12 @@ class Estimates:
     current: Array
 
 
-def estimated(
-    model: Arm, log: Log, zero: Array | float = 0.0, smoothing: float = PASSED / HAND, certainly: float = CERTAIN
+def estimate_torques(
+    model: Arm,
+    log: Log,
+    zero: Array | float = 0.0,
+    smoothing: float = PASSED_PERIODS / HAND_FREQUENCY,
+    certainly: float = CERTAIN_DEVIATIONS,
 ) -> Estimates:
     """Estimate the joint torques of a log.
 
@@ -56,23 +60,25 @@ def estimated(
         The three estimates.
 
     """
-    raw = _columns(log, "motor_position", model.n), _columns(log, "joint_position", model.n) + zero
-    current = _columns(log, "motor_current", model.n)
+    raw = _stack_columns(log, "motor_position", model.n), _stack_columns(log, "joint_position", model.n) + zero
+    current = _stack_columns(log, "motor_current", model.n)
     names = (
         "torque_constant", "ratio", "motor_inertia", "viscous_friction", "coulomb_friction", "torsional_damping",
         "hysteresis_torque", "hysteresis_angle",
     )  # fmt: skip
     constant, ratio, inertia, viscous, friction, damping, height, angle = (by_joint(model, name) for name in names)
-    theta, q = (_smooth(values, smoothing) for values in raw)
-    omega, v = (_smooth(values, smoothing, 1) for values in raw)
-    springs, at = _series(model, *raw), _series(model, theta, q)
+    theta, q = (_smooth_columns(values, smoothing) for values in raw)
+    omega, v = (_smooth_columns(values, smoothing, 1) for values in raw)
+    springs, at = _spring_torque(model, *raw), _spring_torque(model, theta, q)
     phi = model.evaluate("torsion", joint_torque=at)["torsion"]
-    width = certainly * noise(model, log, smoothing)
-    wound = np.stack([hysteresis(followed(phi[:, j], width[j]), angle[j]) for j in range(model.n)], axis=1)
+    width = certainly * torsion_noise(model, log, smoothing)
+    wound = np.stack(
+        [integrate_hysteresis(follow_torsion(phi[:, j], width[j]), angle[j]) for j in range(model.n)], axis=1
+    )
     whole = at + height * wound + damping * (omega / ratio - v)
-    a = _smooth(raw[1], smoothing, 2)
-    motor = constant * _smooth(current, smoothing) - ratio * (inertia * a + viscous * v) - friction * np.sign(v)
-    return Estimates(springs, whole, np.where(np.abs(v) > MOVING, ratio * motor, np.nan))
+    a = _smooth_columns(raw[1], smoothing, 2)
+    motor = constant * _smooth_columns(current, smoothing) - ratio * (inertia * a + viscous * v) - friction * np.sign(v)
+    return Estimates(springs, whole, np.where(np.abs(v) > LEAST_MOVING_SPEED, ratio * motor, np.nan))
 
 
 def by_joint(model: Arm, name: str) -> Array:
@@ -89,22 +95,22 @@ def by_joint(model: Arm, name: str) -> Array:
     return np.array([model.parameters.get(f"{name}_{j}", 0.0) for j in range(1, model.n + 1)])
 
 
-def _columns(log: Log, name: str, n: int) -> Array:
+def _stack_columns(log: Log, name: str, n: int) -> Array:
     return np.stack([log[f"{name}_{j}"] for j in range(1, n + 1)], axis=1)
 
 
-def _smooth(values: Array, seconds: float, derivative: int = 0) -> Array:
+def _smooth_columns(values: Array, seconds: float, derivative: int = 0) -> Array:
     from scipy.signal import savgol_filter
 
-    return savgol_filter(values, _rows(seconds), 3, deriv=derivative, delta=PERIOD, axis=0)
+    return savgol_filter(values, _window_rows(seconds), 3, deriv=derivative, delta=PERIOD, axis=0)
 
 
-def _rows(seconds: float) -> int:
+def _window_rows(seconds: float) -> int:
     """Rows of a window, an odd number."""
     return 2 * int(seconds / PERIOD / 2) + 1
 
 
-def _series(model: Arm, theta: Array, q: Array) -> Array:
+def _spring_torque(model: Arm, theta: Array, q: Array) -> Array:
     none = np.zeros_like(theta)
     found = model.evaluate(
         "torque_estimate", motor_position=theta, joint_position=q, motor_velocity=none, motor_acceleration=none,
@@ -113,19 +119,21 @@ def _series(model: Arm, theta: Array, q: Array) -> Array:
     return found["series"]
 
 
-def noise(model: Arm, log: Log, smoothing: float) -> Array:
+def torsion_noise(model: Arm, log: Log, smoothing: float) -> Array:
     """Standard deviation of the smoothed φ (n, rad) from the noise of both encoders in the log."""
     from scipy.signal import savgol_coeffs
 
-    left = float(np.linalg.norm(savgol_coeffs(_rows(smoothing), 3)))
+    left = float(np.linalg.norm(savgol_coeffs(_window_rows(smoothing), 3)))
     found = []
     for j in range(1, model.n + 1):
-        motor, joint = (describe(name, log[name]).noise for name in (f"motor_position_{j}", f"joint_position_{j}"))
+        motor, joint = (
+            compute_channel_statistics(name, log[name]).noise for name in (f"motor_position_{j}", f"joint_position_{j}")
+        )
         found.append(left * np.hypot(motor / model.parameters[f"ratio_{j}"], joint))
     return np.array(found)
 
 
-def followed(phi: Array, width: float) -> Array:
+def follow_torsion(phi: Array, width: float) -> Array:
     """φ (T,) without movements of up to ``width`` to and fro: it rests until φ is farther off, and is then drawn along.
     Noise would unwind a hysteresis, for which every step counts."""
     out, now = np.empty(len(phi)), float(phi[0])
@@ -135,7 +143,7 @@ def followed(phi: Array, width: float) -> Array:
     return out
 
 
-def hysteresis(phi: Array, angle: float) -> Array:
+def integrate_hysteresis(phi: Array, angle: float) -> Array:
     """Integrate dz = (dφ − |dφ| z)/δ along φ (T,), exact from row to row; return z. ``angle`` is δ, 0 without a
     hysteresis. z begins as if φ had risen from 0 to its first value."""
     z = np.zeros(len(phi))
@@ -151,7 +159,7 @@ def hysteresis(phi: Array, angle: float) -> Array:
     return z
 
 
-def rms(error: Array, rows: Rows | slice = slice(None)) -> Array:
+def column_rms(error: Array, rows: Rows | slice = slice(None)) -> Array:
     """Compute the root mean square of each column, without NaN.
 
     Args:

@@ -27,30 +27,39 @@ from hdagen.simulation.simulator import Push, Simulation, run
 
 ROBOT = "paper_prototype"
 TABLE_1 = "paper_table1"
-THREE = "paper_three_joints"
-LEAN = "paper_prototype, lean"
-LAWS = {"impedance": "impedance_cartesian", "admittance": "admittance_cartesian"}
+THREE_JOINTS = "paper_three_joints"
+LEAN_PROTOTYPE = "paper_prototype, lean"
+CARTESIAN_LAWS = {"impedance": "impedance_cartesian", "admittance": "admittance_cartesian"}
 PERIOD = 1e-3  # s, of controller and CAN
 # Inner loops for encoders of 42 and of 4096 counts a turn; `Controller` has those of the latter.
-INNER = {"bandwidth": 25.0, "observer_bandwidth": 20.0, "velocity_cutoff": 20.0}  # rad/s, rad/s, Hz
-FINE_INNER = {"bandwidth": 50.0, "observer_bandwidth": 100.0, "velocity_cutoff": 80.0}
-ENCODER = 2 * np.pi / 4096  # rad, of a motor encoder in place of the paper's Hall sensors
-JITTER, SWITCHING = 0.5, 2.5e-3  # noise of an encoder's angle: counts rms, and at most rad rms; assumed, as the preset
-DISC = 2 * np.pi / 2**18  # rad, of the optical disc
+HALL_INNER_LOOP = {"bandwidth": 25.0, "observer_bandwidth": 20.0, "velocity_cutoff": 20.0}  # rad/s, rad/s, Hz
+FINE_INNER_LOOP = {"bandwidth": 50.0, "observer_bandwidth": 100.0, "velocity_cutoff": 80.0}
+FINE_ENCODER_RESOLUTION = 2 * np.pi / 4096  # rad, of a motor encoder in place of the paper's Hall sensors
+ENCODER_JITTER, LARGEST_ENCODER_NOISE = (
+    0.5,
+    2.5e-3,
+)  # noise of an encoder's angle: counts rms, and at most rad rms; assumed, as the preset
+DISC_RESOLUTION = 2 * np.pi / 2**18  # rad, of the optical disc
 SAFE_DAMPING = 2e-3  # N m s/rad at the motors: after a fault they stop within J/d = 46 ms
-JUMP = 2.0  # rad of a motor in a tick: five times its largest speed, and more than a count of a Hall sensor
-RADIUS, CENTER, TURN = 0.05, (0.2, 0.0), 5.0  # m, III.C; m and s are assumed: the middle of the workspace, 63 mm/s
-PUSH = 10.0  # N, assumed; the paper names none. Larger ones take soft settings out of reach
-PUSHES = (Push(3.0, 4.0, (PUSH, 0.0)), Push(6.0, 7.0, (0.0, PUSH)))  # times: III.C
-BANDS = ((3.0, 4.0, f"{PUSH:g} N in x"), (6.0, 7.0, f"{PUSH:g} N in y"))
-TORSION = ("kinematic_square", "kinematic_cube", "kinematic_fourth", "kinematic_fifth")
-STRUCTURE: dict[str, dict[str, float]] = {  # of the printed parts, V; the paper gives no size: assumed
+LARGEST_MOTOR_JUMP = (
+    2.0  # rad of a motor in a tick: five times its largest speed, and more than a count of a Hall sensor
+)
+CIRCLE_RADIUS, CIRCLE_CENTER, TURN_SECONDS = (
+    0.05,
+    (0.2, 0.0),
+    5.0,
+)  # m, III.C; m and s are assumed: the middle of the workspace, 63 mm/s
+PUSH_FORCE = 10.0  # N, assumed; the paper names none. Larger ones take soft settings out of reach
+CIRCLE_PUSHES = (Push(3.0, 4.0, (PUSH_FORCE, 0.0)), Push(6.0, 7.0, (0.0, PUSH_FORCE)))  # times: III.C
+PUSH_BANDS = ((3.0, 4.0, f"{PUSH_FORCE:g} N in x"), (6.0, 7.0, f"{PUSH_FORCE:g} N in y"))
+TORSION_PARAMETERS = ("kinematic_square", "kinematic_cube", "kinematic_fourth", "kinematic_fifth")
+STRUCTURE_FAULTS: dict[str, dict[str, float]] = {  # of the printed parts, V; the paper gives no size: assumed
     "play of 1 arcmin in the printed parts": {"backlash_angle_1": 2.9e-4, "backlash_angle_2": 2.9e-4},
     "links that bend at 24 Hz": {"link_share_1": 0.2, "link_share_2": 0.2},
     "mounting that yields": {"base_compliance_1": 2e-5},
 }
-A = (6.57e-5, 0.0018, 0.0032, -0.0017, 2.68e-4, -1.27e-4)  # rad, IV.A, of joint 1 over turns
-B = (1.72e-4, 9.47e-4, -0.0017, 3.47e-4, 7.94e-4, -3.67e-4)  # of joint 2
+TORSION_JOINT_1 = (6.57e-5, 0.0018, 0.0032, -0.0017, 2.68e-4, -1.27e-4)  # rad, IV.A, of joint 1 over turns
+TORSION_JOINT_2 = (1.72e-4, 9.47e-4, -0.0017, 3.47e-4, 7.94e-4, -3.67e-4)  # of joint 2
 
 T = TypeVar("T")
 
@@ -63,7 +72,7 @@ class Bench:
     profile: str = "native"
     threads: int = 2
     folders: dict[str, Path] = field(default_factory=dict)
-    _shared: dict[Any, Any] = field(default_factory=dict)
+    _shared_results: dict[Any, Any] = field(default_factory=dict)
 
     def arm(self, robot: str = ROBOT, changes: Mapping[str, float] | None = None) -> Arm:
         """Load an arm, which nothing else shares.
@@ -81,17 +90,17 @@ class Bench:
         arm.parameters.update(changes or {})
         return arm
 
-    def lean(self) -> Arm:
+    def lean_arm(self) -> Arm:
         """Load the prototype without the effects that are switched off in it: the same numbers in less time."""
-        if LEAN not in self.folders:
+        if LEAN_PROTOTYPE not in self.folders:
             whole = self.arm()
-            file = _preset(ROBOT, whole)
-            file.drop_idle()
+            file = _open_preset(ROBOT, whole)
+            file.drop_zero_effects()
             with TemporaryDirectory() as place:
                 path = Path(place) / "lean.toml"
-                path.write_bytes(file.text())
-                self.folders[LEAN] = load(path, self.profile, out=whole.folder.parent).folder
-        return self.arm(LEAN)
+                path.write_bytes(file.to_bytes())
+                self.folders[LEAN_PROTOTYPE] = load(path, self.profile, out=whole.folder.parent).folder
+        return self.arm(LEAN_PROTOTYPE)
 
     def robot_file(self, changes: Mapping[str, float], robot: str = ROBOT, sensors: Sensors | None = None) -> bytes:
         """Write a preset's file with other parameters and sensors, for `hdagen replay`.
@@ -108,16 +117,16 @@ class Bench:
 
         def make() -> bytes:
             arm = self.arm(robot, changes)
-            file = _preset(robot, arm)
+            file = _open_preset(robot, arm)
             for name, value in changes.items():
-                file.put(file.place(name), value)
-            file.settle(arm)
-            return file.text()
+                file.set_number(file.locate_parameter(name), value)
+            file.update_dependent_numbers(arm)
+            return file.to_bytes()
 
-        text = self.once(("robot file", robot, tuple(sorted(changes.items()))), make)
+        text = self.compute_once(("robot file", robot, tuple(sorted(changes.items()))), make)
         return _with_sensors(text, sensors or Sensors())
 
-    def once(self, key: Any, make: Callable[[], T]) -> T:
+    def compute_once(self, key: Any, make: Callable[[], T]) -> T:
         """Compute a value at its first use and keep it.
 
         Args:
@@ -128,13 +137,13 @@ class Bench:
             The value of the first call with this key.
 
         """
-        if key not in self._shared:
-            self._shared[key] = make()
-        found: T = self._shared[key]
+        if key not in self._shared_results:
+            self._shared_results[key] = make()
+        found: T = self._shared_results[key]
         return found
 
 
-def _preset(robot: str, arm: Arm) -> RobotFile:
+def _open_preset(robot: str, arm: Arm) -> RobotFile:
     return RobotFile((Path(__file__).parents[3] / "gen" / "presets" / f"{robot}.toml").read_bytes(), arm)
 
 
@@ -151,7 +160,7 @@ def _with_sensors(text: bytes, sensors: Sensors) -> bytes:
     return text
 
 
-def uncompensated(arm: Arm) -> dict[str, float]:
+def without_kinematic_torsion(arm: Arm) -> dict[str, float]:
     """Switch the kinematic torsion of a model off.
 
     Args:
@@ -164,7 +173,7 @@ def uncompensated(arm: Arm) -> dict[str, float]:
     return {name: 0.0 for name in arm.parameters if name.startswith(("kinematic_", "ratio_error_"))}
 
 
-def torsion_of(j: int, coefficients: Sequence[float]) -> dict[str, float]:
+def torsion_changes(j: int, coefficients: Sequence[float]) -> dict[str, float]:
     """Give a joint the torsion Σ a_k s^k of (13), with the minus sign of (14).
 
     Args:
@@ -175,13 +184,13 @@ def torsion_of(j: int, coefficients: Sequence[float]) -> dict[str, float]:
         Changes of parameters, for `Bench.arm`.
 
     """
-    changes = {f"{name}_{j}": -float(a) for name, a in zip(TORSION, coefficients[2:], strict=True)}
+    changes = {f"{name}_{j}": -float(a) for name, a in zip(TORSION_PARAMETERS, coefficients[2:], strict=True)}
     changes[f"ratio_error_{j}"] = -float(sum(coefficients[1:])) / (2 * np.pi)
     changes[f"encoder_bias_{j}"] = -float(coefficients[0])
     return changes
 
 
-def guard(n: int = 2, period: float = PERIOD) -> Guard:
+def make_guard(n: int = 2, period: float = PERIOD) -> Guard:
     """Make the guard of all runs.
 
     Args:
@@ -192,10 +201,10 @@ def guard(n: int = 2, period: float = PERIOD) -> Guard:
         The guard.
 
     """
-    return Guard(Safe.DAMPING, period, safe_damping=(SAFE_DAMPING,) * n, motor_jump=(JUMP,) * n)
+    return Guard(Safe.DAMPING, period, safe_damping=(SAFE_DAMPING,) * n, motor_jump=(LARGEST_MOTOR_JUMP,) * n)
 
 
-def controller(known: Arm, law: str, gains: Mapping[str, float] | None = None, fine: bool = False) -> Controller:
+def make_controller(known: Arm, law: str, gains: Mapping[str, float] | None = None, fine: bool = False) -> Controller:
     """Make a controller.
 
     Args:
@@ -208,7 +217,7 @@ def controller(known: Arm, law: str, gains: Mapping[str, float] | None = None, f
         The controller, with the guard of all runs.
 
     """
-    return Controller(known, LAWS.get(law, law), guard(known.n), {**inner_loop(fine), **(gains or {})})
+    return Controller(known, CARTESIAN_LAWS.get(law, law), make_guard(known.n), {**inner_loop(fine), **(gains or {})})
 
 
 def inner_loop(fine: bool) -> dict[str, float]:
@@ -222,11 +231,11 @@ def inner_loop(fine: bool) -> dict[str, float]:
 
     """
     if fine:
-        return FINE_INNER
-    return INNER
+        return FINE_INNER_LOOP
+    return HALL_INNER_LOOP
 
 
-def cartesian(mass: float, damping: float, stiffness: float) -> dict[str, float]:
+def cartesian_gains(mass: float, damping: float, stiffness: float) -> dict[str, float]:
     """Make gains of a Cartesian law, the same in both axes.
 
     Args:
@@ -242,7 +251,7 @@ def cartesian(mass: float, damping: float, stiffness: float) -> dict[str, float]
     return {f"{name}_{axis}": value for name, value in values.items() for axis in "xy"}
 
 
-def turns(seconds: float = 10.0, radius: float = RADIUS) -> Reference:
+def paper_circle(seconds: float = 10.0, radius: float = CIRCLE_RADIUS) -> Reference:
     """Make the circle of III.C.
 
     Args:
@@ -253,7 +262,7 @@ def turns(seconds: float = 10.0, radius: float = RADIUS) -> Reference:
         The reference of the tip.
 
     """
-    return circle(radius, CENTER, TURN, seconds, PERIOD)
+    return circle(radius, CIRCLE_CENTER, TURN_SECONDS, seconds, PERIOD)
 
 
 def fine_sensors(n: int = 2) -> Sensors:
@@ -266,7 +275,9 @@ def fine_sensors(n: int = 2) -> Sensors:
         The sensors; discs are those of the preset.
 
     """
-    return Sensors(motor_resolution=(ENCODER,) * n, motor_noise=(JITTER * ENCODER,) * n)
+    return Sensors(
+        motor_resolution=(FINE_ENCODER_RESOLUTION,) * n, motor_noise=(ENCODER_JITTER * FINE_ENCODER_RESOLUTION,) * n
+    )
 
 
 def encoders_of(fine: bool, n: int = 2) -> Sensors | None:
@@ -285,7 +296,7 @@ def encoders_of(fine: bool, n: int = 2) -> Sensors | None:
     return None
 
 
-def encoders(counts: int, bits: int) -> Sensors:
+def make_encoders(counts: int, bits: int) -> Sensors:
     """Make the encoders of two joints.
 
     Args:
@@ -297,12 +308,12 @@ def encoders(counts: int, bits: int) -> Sensors:
 
     """
     motor, joint = 2 * np.pi / counts, 2 * np.pi / 2**bits
-    noise = min(JITTER * motor, SWITCHING), JITTER * joint
+    noise = min(ENCODER_JITTER * motor, LARGEST_ENCODER_NOISE), ENCODER_JITTER * joint
     return Sensors((motor,) * 2, (joint,) * 2, motor_noise=(noise[0],) * 2, joint_noise=(noise[1],) * 2)
 
 
 @dataclass(frozen=True)
-class Driven:
+class DrivenRun:
     """A run of an arm under given currents: its log, and the truth at the log's rows: state (T, nx), joint torque
     (T, n, N m), tip (T, 2, m)."""
 
@@ -312,9 +323,9 @@ class Driven:
     tip: Array
 
 
-def driven(
+def drive_arm(
     arm: Arm, current: Array, push: Array, q: ArrayLike, sensors: Sensors | None = None, seed: int = 0
-) -> Driven:
+) -> DrivenRun:
     """Drive an arm by given currents from rest, with set-valued dry friction.
 
     Args:
@@ -329,14 +340,14 @@ def driven(
         The run; its log holds the readings of all sensors, those of joint torque too.
 
     """
-    from hdagen.simulation.simulated_sensors import errors
+    from hdagen.simulation.simulated_sensors import resolve_sensor_errors
 
-    scheme, random, n = errors(arm, sensors or Sensors()), np.random.default_rng(seed), arm.n
-    mean, acting = arm.acting(current, PERIOD, np.zeros(n))
+    scheme, random, n = resolve_sensor_errors(arm, sensors or Sensors()), np.random.default_rng(seed), arm.n
+    mean, acting = arm.apply_input_stage(current, PERIOD, np.zeros(n))
     state = arm.rollout(arm.rest(q), np.hstack([mean, push]), PERIOD, exact=True)[:-1]
     truth = arm.outputs(state, np.hstack([acting, push]))
     raw = np.hstack([truth["motor_position"], truth["joint_position"]])
-    seen = scheme.read(raw + scheme.encoder_noise(len(raw), seed))
+    seen = scheme.count_angles(raw + scheme.draw_encoder_noise(len(raw), seed))
     torque_noise = np.array([joint["sensor"]["torque_noise"] for joint in arm.robot["joints"]])
     measured = acting + random.normal(size=acting.shape) * scheme.current_noise
     sensed = truth["joint_torque"] + random.normal(size=acting.shape) * torque_noise
@@ -352,15 +363,15 @@ def driven(
     time = np.arange(len(current)) * PERIOD
     columns = {name: np.ascontiguousarray(values) for name, values in columns.items()}
     log = Log(time, columns, n, f"simulated: {arm.robot['name']}, currents given, seed {seed}")
-    return Driven(log, state, truth["joint_torque"], truth["tip"])
+    return DrivenRun(log, state, truth["joint_torque"], truth["tip"])
 
 
-def pushed(
+def simulate_pushed(
     bench: Bench,
     law: str,
     gains: Mapping[str, float],
     reference: Reference,
-    pushes: Sequence[Push] = PUSHES,
+    pushes: Sequence[Push] = CIRCLE_PUSHES,
     fine: bool = False,
     changes: Mapping[str, float] | None = None,
     seed: int = 1,
@@ -383,6 +394,6 @@ def pushed(
         The simulation.
 
     """
-    known, plant = bench.once("known", bench.arm), bench.arm(changes=changes)
-    regulator = controller(known, law, gains, fine)
+    known, plant = bench.compute_once("known", bench.arm), bench.arm(changes=changes)
+    regulator = make_controller(known, law, gains, fine)
     return run(plant, regulator, reference, pushes, encoders_of(fine, plant.n), seed, start)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.data.gap import gap
-from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.split import LogPortion
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import Replay
 
@@ -46,7 +46,7 @@ def test_errors_that_are_known_give_their_multiples_where_they_are_held_out() ->
         error[:1000] = error[2600:3100] = 1e3  # not held out: must not count
     held = np.ones(rows, bool)
     held[:1000] = held[2600:3100] = False
-    found = gap(replay(log(rows), before), replay(log(rows), after), Portion(log(rows), held))
+    found = evaluate_gap(replay(log(rows), before), replay(log(rows), after), LogPortion(log(rows), held))
     assert found["before"] == pytest.approx(8.0) and found["after"] == pytest.approx(2.0)
     assert found["shrink"] == pytest.approx(6 / 7)
     one = found["by_channel"]["motor_position_1"]
@@ -60,7 +60,7 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
     scale = np.sqrt(np.mean(rng.uniform(0.5, 1.5, 100000) ** 2))
     for _ in range(60):
         before, after = (replay(log(rows), errors(rng, rows, size / scale)) for size in (10.0, 3.0))
-        low, high = gap(before, after, Portion.whole(log(rows)))["interval"]
+        low, high = evaluate_gap(before, after, LogPortion.all_rows(log(rows)))["interval"]
         assert low < high
         held += low <= truth <= high
     assert held >= 48  # of 57 expected; eight blocks make it a little short
@@ -68,15 +68,15 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
 
 def test_no_gap_has_no_share_and_one_block_no_interval() -> None:
     same = errors(np.random.default_rng(1), 900, 0.8)
-    found = gap(replay(log(900), same), replay(log(900), same), Portion.whole(log(900)))
+    found = evaluate_gap(replay(log(900), same), replay(log(900), same), LogPortion.all_rows(log(900)))
     assert found["shrink"] is None and found["interval"] is None
 
 
 def test_windows_that_begin_with_a_guess_are_left_out_as_long_as_others_are_left() -> None:
-    held, starts = Portion.whole(log(1000)), np.array([0, 250, 500, 750])
-    left = held.without((500,), starts)
+    held, starts = LogPortion.all_rows(log(1000)), np.array([0, 250, 500, 750])
+    left = held.without_windows((500,), starts)
     np.testing.assert_array_equal(np.flatnonzero(~left.rows), np.arange(500, 750))
-    assert held.without((), starts).rows.all() and held.without((0, 250, 500, 750), starts) is held
+    assert held.without_windows((), starts).rows.all() and held.without_windows((0, 250, 500, 750), starts) is held
     error = {name: np.full(1000, noise) for name, noise in NOISE.items()}
     spoilt = {name: np.where(left.rows, e, 1e3) for name, e in error.items()}
-    assert gap(replay(log(1000), spoilt), replay(log(1000), error), left)["before"] == pytest.approx(1.0)
+    assert evaluate_gap(replay(log(1000), spoilt), replay(log(1000), error), left)["before"] == pytest.approx(1.0)

@@ -15,10 +15,10 @@ from replayed import FLEXIBLE, diagnosis, simulated
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.cli import replay as replay_command
-from hdagen.diagnosis.data.gap import bounds, gap, least
+from hdagen.diagnosis.data.gap import choose_closest_replay, compute_gap_bounds, evaluate_gap
 from hdagen.diagnosis.data.held_out_rows import count_rows, name_rows
-from hdagen.diagnosis.data.split import Portion, part
-from hdagen.log.concatenation import joined
+from hdagen.diagnosis.data.split import LogPortion, split_logs
+from hdagen.log.concatenation import concatenate_logs
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log, read, write
 from hdagen.prediction.window_replay import replay
@@ -43,10 +43,10 @@ def content(told: dict[str, Any], rows: list[dict[str, Any]]) -> Any:
 
 def test_a_replay_counted_over_the_rows_that_are_named_has_the_gap_of_the_diagnosis(logs: list[Log]) -> None:
     log = logs[0]
-    _, held = part([log], [])
+    _, held = split_logs([log], [])
     before, after = erring(log, 9.0, 1), erring(log, 3.0, 2)
-    held = held.without((250 * int(np.flatnonzero(held.rows)[0] // 250),), before.starts)
-    told = gap(before, after, held)
+    held = held.without_windows((250 * int(np.flatnonzero(held.rows)[0] // 250),), before.starts)
+    told = evaluate_gap(before, after, held)
     said = content(told, name_rows(held, [log]))
     (one,) = said["data"]["hold_out"]
     assert one["rows"] == held.rows.sum() and len(one["spans"]) == len(held.spans)
@@ -58,11 +58,11 @@ def test_a_replay_counted_over_the_rows_that_are_named_has_the_gap_of_the_diagno
 
 
 def test_of_several_logs_each_has_its_own_rows_in_its_own_time(logs: list[Log]) -> None:
-    whole = joined(logs)
-    held = Portion(whole, np.arange(len(whole)) % 5000 > 4000)
+    whole = concatenate_logs(logs)
+    held = LogPortion(whole, np.arange(len(whole)) % 5000 > 4000)
     before = erring(whole, 9.0, 1)
     rows = name_rows(held, logs)
-    said = content(gap(before, before, held), rows)
+    said = content(evaluate_gap(before, before, held), rows)
     assert [one["log"] for one in rows] == [log.source for log in logs]
     assert sum(one["rows"] for one in rows) == held.rows.sum()
     first = 0
@@ -78,9 +78,9 @@ def test_of_several_logs_each_has_its_own_rows_in_its_own_time(logs: list[Log]) 
 
 def test_another_log_other_rows_and_an_old_diagnosis_are_refused(logs: list[Log]) -> None:
     log = logs[0]
-    _, held = part([log], [])
+    _, held = split_logs([log], [])
     found = erring(log, 2.0, 1)
-    said = content(gap(found, found, held), name_rows(held, [log]))
+    said = content(evaluate_gap(found, found, held), name_rows(held, [log]))
     with pytest.raises(PlantError, match=r"counts no rows of /somewhere/1.csv; possible is /somewhere/0.csv"):
         count_rows(erring(logs[1], 2.0, 1), logs[1], said, "d.json")
     late = Log(log.time + 0.5, log.columns, 1, log.source)
@@ -104,9 +104,9 @@ def test_the_command_counts_the_rows_of_a_diagnosis(
     (tmp_path / "robot.toml").write_text(FLEXIBLE)
     log = replace(simple, source=str(tmp_path / "log.parquet"))
     arm.parameters["mass_1"] *= 1.05
-    _, held = part([log], [])
+    _, held = split_logs([log], [])
     found = replay(arm, log)
-    told = gap(found, found, held)
+    told = evaluate_gap(found, found, held)
     mass = {"mass_1": {"value": arm.parameters["mass_1"], "std": 0.1}}
     said = diagnosis(verdict=[], causes=[], parameters=mass) | content(told, name_rows(held, [log]))
     (tmp_path / "diagnosis.json").write_text(json.dumps(said))
@@ -129,15 +129,17 @@ def run(folder: Path, capsys: pytest.CaptureFixture[str], *more: str | Path) -> 
 
 def test_nothing_that_was_fitted_closes_more_than_is_achievable(logs: list[Log]) -> None:
     log = logs[0]
-    held = Portion.whole(log)
+    held = LogPortion.all_rows(log)
     before, alone, correction = erring(log, 9.0, 1), erring(log, 3.0, 2), erring(log, 7.0, 3)
-    assert least([before, alone, correction], held) is alone  # a correction that spoils what it begins with
-    told = gap(before, erring(log, 4.0, 4), held, correction)
+    assert (
+        choose_closest_replay([before, alone, correction], held) is alone
+    )  # a correction that spoils what it begins with
+    told = evaluate_gap(before, erring(log, 4.0, 4), held, correction)
     assert told["flexible"] == pytest.approx(7.0, rel=0.02) and told["achievable"] == told["after"]
     rungs = [{"effects": [], "gap": 3.0}, {"effects": [], "gap": 9.0}, {"effects": ["payload@2"], "gap": 2.5}]
-    told |= bounds(told, rungs, [])
+    told |= compute_gap_bounds(told, rungs, [])
     assert told["flexible"] == 3.0 and told["achievable"] == 2.5  # base parameters alone are within the correction
-    told |= bounds(told, rungs, [{"gap": 2.0}])
+    told |= compute_gap_bounds(told, rungs, [{"gap": 2.0}])
     assert told["achievable"] == 2.0
 
 
@@ -157,4 +159,4 @@ def test_the_gap_of_a_made_log_is_counted_in_the_noise_of_its_sensors(kind: str,
         for j in (1, 2)
     ]
     assert found.gap == pytest.approx(float(np.exp(np.mean(np.log(errs)))), rel=0.01)
-    assert gap(found, found, Portion.whole(log))["before"] == pytest.approx(found.gap, rel=1e-9)
+    assert evaluate_gap(found, found, LogPortion.all_rows(log))["before"] == pytest.approx(found.gap, rel=1e-9)

@@ -5,12 +5,20 @@ import pytest
 from replayed import simulated
 
 from hdagen.arm.compiled_arm import load
-from hdagen.diagnosis.data.split import SHARE, SPAN, SPANS, Portion, blocks, halve, part
-from hdagen.diagnosis.data.windows import record
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
-from hdagen.diagnosis.inference.sensitivities import Point, design
-from hdagen.diagnosis.initialization.candidate_list import dictionary
-from hdagen.diagnosis.initialization.initial_guess import suggested
+from hdagen.diagnosis.data.split import (
+    FEWEST_HOLDOUT_SPANS,
+    HOLDOUT_SHARE,
+    HOLDOUT_SPAN,
+    LogPortion,
+    mark_holdout_blocks,
+    split_in_halves,
+    split_logs,
+)
+from hdagen.diagnosis.data.windows import cut_windows
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, compute_sensitivities
+from hdagen.diagnosis.initialization.candidate_list import build_candidates
+from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.log.measured_log import Log
 
 REACH = 0.03  # s
@@ -19,10 +27,10 @@ REACH = 0.03  # s
 @pytest.mark.parametrize("length", [1.0, 10.0, 61.0])
 def test_a_fifth_is_held_out_a_block_in_each_span(length: float) -> None:
     time = 3.0 + np.arange(0.0, length, 1e-3)
-    held = blocks(time)
-    assert held.mean() == pytest.approx(SHARE, abs=0.01)
-    count = max(SPANS, round(length / SPAN))
-    found = Portion(Log(time, {"motor_position_1": time}, 1, "made"), held).spans
+    held = mark_holdout_blocks(time)
+    assert held.mean() == pytest.approx(HOLDOUT_SHARE, abs=0.01)
+    count = max(FEWEST_HOLDOUT_SPANS, round(length / HOLDOUT_SPAN))
+    found = LogPortion(Log(time, {"motor_position_1": time}, 1, "made"), held).spans
     assert len(found) == count
     span = (time[-1] - time[0]) / count
     for k, (begin, end) in enumerate(found):
@@ -33,16 +41,16 @@ def test_a_motion_that_repeats_is_seen_in_every_phase() -> None:
     time = np.arange(0.0, 60.0, 1e-3)
     for period in (0.5, 1.0, 2.5, 5.0, 10.0):
         phase = np.floor(time / period % 1.0 * 20)
-        seen = [float(np.mean(~blocks(time)[phase == k])) for k in range(20)]
+        seen = [float(np.mean(~mark_holdout_blocks(time)[phase == k])) for k in range(20)]
         assert min(seen) > 0.5
 
 
 def test_logs_are_parted_each_by_itself_and_a_hold_out_is_held_out_whole() -> None:
     logs = [simulated(load("paper"), length, seed=k) for k, length in enumerate((3.0, 1.5))]
-    shown, held = part(logs, [])
+    shown, held = split_logs(logs, [])
     assert (shown.rows ^ held.rows).all() and shown.log is held.log
-    assert held.rows[: len(logs[0])].tolist() == blocks(logs[0].time).tolist()
-    shown, held = part(logs[:1], logs[1:])
+    assert held.rows[: len(logs[0])].tolist() == mark_holdout_blocks(logs[0].time).tolist()
+    shown, held = split_logs(logs[:1], logs[1:])
     assert shown.rows.all() and held.rows.all() and held.log is logs[1]
 
 
@@ -50,7 +58,7 @@ def test_logs_are_parted_each_by_itself_and_a_hold_out_is_held_out_whole() -> No
 def test_what_decides_is_not_what_is_reported(seconds: float) -> None:
     log = Log(np.arange(0.0, seconds, 1e-3) + 3.0, {}, 1, "test")
     fresh = log.time > 3.1
-    judged, reported = halve(Portion(log, fresh))
+    judged, reported = split_in_halves(LogPortion(log, fresh))
     if seconds < 1.0:
         assert (judged.rows == fresh).all() and (reported.rows == fresh).all()
         return
@@ -61,7 +69,7 @@ def test_what_decides_is_not_what_is_reported(seconds: float) -> None:
 def test_what_is_held_out_is_unknown_to_the_fit() -> None:
     plain, arm = load("paper"), load("paper", "native", ("all",))
     log = simulated(plain, 4.0, seed=3)
-    shown, held = part([log], [])
+    shown, held = split_logs([log], [])
     deep = held.rows.copy()  # hidden, and further from what is shown than a smoothing reaches
     for begin, end in held.spans:
         deep &= ~((log.time >= begin) & (log.time < begin + REACH)) & ~((log.time > end - REACH) & (log.time <= end))
@@ -70,10 +78,17 @@ def test_what_is_held_out_is_unknown_to_the_fit() -> None:
     wrong = {k: v + deep * rng.normal(0.0, 1e-3, len(v)) for k, v in log.columns.items() if "position" in k}
     other = Log(log.time, dict(log.columns) | wrong, log.n_joints, log.source)
     assert set(wrong) == {f"{side}_position_{j}" for side in ("motor", "joint") for j in (1, 2)}
-    found = [record(arm, Portion(each, shown.rows), 0.05) for each in (log, other)]
-    suggestions = [suggested(arm, one) for one in found]
+    found = [cut_windows(arm, LogPortion(each, shown.rows), 0.05) for each in (log, other)]
+    suggestions = [guess_from_log(arm, one) for one in found]
     assert suggestions[0] == suggestions[1]
-    words = dictionary(arm, suggestions[0]).base
-    lines = [design(Shooting(arm, one), words, Point(arm.p, Shooting(arm, one).begun(arm.p))) for one in found]
-    assert (found[0].noise == found[1].noise).all() and len(found[0].kept) < len(found[0].starts)
+    words = build_candidates(arm, suggestions[0]).always_fitted
+    lines = [
+        compute_sensitivities(
+            MultipleShooting(arm, one),
+            words,
+            OperatingPoint(arm.p, MultipleShooting(arm, one).measured_initial_states(arm.p)),
+        )
+        for one in found
+    ]
+    assert (found[0].noise == found[1].noise).all() and len(found[0].selected_windows) < len(found[0].starts)
     assert (lines[0].residual == lines[1].residual).all() and (lines[0].columns == lines[1].columns).all()

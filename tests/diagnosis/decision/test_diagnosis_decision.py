@@ -13,19 +13,19 @@ import pytest
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.decision import calibration
 from hdagen.diagnosis.decision.posterior import (
-    BEHIND,
-    FORM,
-    RARE,
+    FORM_CORRECTION_SHARE,
+    MOST_EVIDENCE_DEFICIT,
+    RARE_PARAMETER_DEVIATION,
     Hypothesis,
-    _less,
-    _more,
-    _strange,
-    decide,
-    decided,
-    sizes,
+    _add_shifted_base_parameters,
+    _compute_unknown_odds,
+    _drop_negligible,
+    conclude_verdict,
+    measure_effect_sizes,
+    score_hypotheses,
 )
-from hdagen.diagnosis.inference.candidate_priors import Atom
-from hdagen.diagnosis.inference.multiple_shooting import Lane
+from hdagen.diagnosis.inference.candidate_priors import Candidate
+from hdagen.diagnosis.inference.multiple_shooting import Rollout
 
 PLACES = {
     "thermal_friction@2": "motor",
@@ -54,9 +54,12 @@ PLACES = {
 )
 def test_what_may_only_make_up_for_a_formula_must_bring_a_share(leader: str, companion: str, sort: bool) -> None:
     both = tuple(sorted((leader, companion)))
-    for share, said in ((0.9 * FORM, (leader,) if sort else both), (1.1 * FORM, both)):
+    for share, said in (
+        (0.9 * FORM_CORRECTION_SHARE, (leader,) if sort else both),
+        (1.1 * FORM_CORRECTION_SHARE, both),
+    ):
         evidence = {(): -50.0, (leader,): 0.0, (companion,): -49.0, both: 50.0 * share}
-        assert _less(both, {leader: 3.0, companion: 2.0}, evidence, PLACES) == said
+        assert _drop_negligible(both, {leader: 3.0, companion: 2.0}, evidence, PLACES) == said
 
 
 def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
@@ -65,18 +68,18 @@ def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
     evidence = {(): -500.0, (gear,): -20.0, (gear, friction): 0.0, names: 5.0}
     evidence |= {(gear, other): -19.0, tuple(sorted((friction, other))): -470.0}
     size = dict.fromkeys(names, 2.0)
-    assert _less(names, size, evidence, PLACES) == names  # 5 of 20, though the gear's gain is 480
-    assert _less(names, size, evidence | {names: 3.0}, PLACES) == (gear, friction)
+    assert _drop_negligible(names, size, evidence, PLACES) == names  # 5 of 20, though the gear's gain is 480
+    assert _drop_negligible(names, size, evidence | {names: 3.0}, PLACES) == (gear, friction)
 
 
 @pytest.mark.parametrize(
     ("tolerances", "std", "there"),
     [
         (2.1, 0.1, False),  # one in thirty is
-        (RARE - 0.1, 0.1, False),
-        (RARE + 0.1, 0.1, True),
-        (-RARE - 0.1, 0.1, True),
-        (RARE + 0.1, 0.6, False),  # not told
+        (RARE_PARAMETER_DEVIATION - 0.1, 0.1, False),
+        (RARE_PARAMETER_DEVIATION + 0.1, 0.1, True),
+        (-RARE_PARAMETER_DEVIATION - 0.1, 0.1, True),
+        (RARE_PARAMETER_DEVIATION + 0.1, 0.6, False),  # not told
     ],
 )
 def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
@@ -84,13 +87,13 @@ def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
 ) -> None:
     spike = 0.2  # usual sizes
     atoms = [SimpleNamespace(name=name) for name in ("torque_constant@1", "payload@2", "current_bias@1")]
-    columns = [SimpleNamespace(atom=k, base=not k, spike=spike) for k in range(3)]
-    columns.append(SimpleNamespace(atom=-1, base=True, spike=1.0))  # a mass is no effect
+    columns = [SimpleNamespace(candidate=k, in_every_hypothesis=not k, spike_width=spike) for k in range(3)]
+    columns.append(SimpleNamespace(candidate=-1, in_every_hypothesis=True, spike_width=1.0))  # a mass is no effect
     mean = np.array([spike * tolerances, 0.5, 5.0, 3.0])
-    words = SimpleNamespace(atoms=atoms, columns=columns)
+    words = SimpleNamespace(members=atoms, columns=columns)
     posterior = mean, np.diag([(spike * std) ** 2, 1e-6, 1e-6, 1e-6])
-    fit: Any = SimpleNamespace(design=SimpleNamespace(words=words), posterior=posterior, names=("payload@2",))
-    assert _more(fit) == (("payload@2", "torque_constant@1") if there else ("payload@2",))
+    fit: Any = SimpleNamespace(sensitivities=SimpleNamespace(words=words), posterior=posterior, names=("payload@2",))
+    assert _add_shifted_base_parameters(fit) == (("payload@2", "torque_constant@1") if there else ("payload@2",))
 
 
 class Stands(SimpleNamespace):
@@ -101,28 +104,28 @@ class Stands(SimpleNamespace):
 
 def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
-    atoms = tuple(Atom(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
-    words = SimpleNamespace(atoms=atoms, free=list, theta=lambda p: p, counts=lambda k: 0.3)
+    atoms = tuple(Candidate(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
+    words = SimpleNamespace(members=atoms, free=list, theta=lambda p: p, counts=lambda k: 0.3)
     words.names = lambda some: tuple(sorted(atoms[k].name for k in some))
 
-    def recalled(lane: Lane) -> tuple[None, Array]:
+    def recalled(lane: Rollout) -> tuple[None, Array]:
         assert lane.memory is None and lane.p.tolist() == stood  # all windows, where it stands
         return None, np.array([[0.9, 0.0], [0.9, 0.5 * came], [0.9, came]])  # three windows, states of two effects
 
     arm = SimpleNamespace(state_names=("motor_position_1", "warmth_1", "warmth_2"))
-    point = SimpleNamespace(p=np.array(stood), begun=None)
-    design = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm, recalled=recalled), point=point)
+    point = SimpleNamespace(p=np.array(stood), initial_states=None)
+    design = SimpleNamespace(candidates=words, shooting=SimpleNamespace(arm=arm, recalled=recalled), point=point)
     return Stands(atoms=(0, 1), design=design, posterior=(np.array(mean), None))
 
 
 @pytest.mark.parametrize("came", [1.0, 0.632, 0.151])
 def test_what_comes_over_time_counts_as_far_as_it_came(came: float) -> None:
-    found = sizes(standing([0.5, -0.7], [0.5, -0.7], came))
+    found = measure_effect_sizes(standing([0.5, -0.7], [0.5, -0.7], came))
     assert found == pytest.approx({"thermal_friction@2": 0.5 * came, "current_bias@2": 0.7})
 
 
 def test_a_size_that_no_step_came_to_does_not_count() -> None:
-    found = sizes(standing([0.9, -0.1], [0.24, -0.7]))
+    found = measure_effect_sizes(standing([0.9, -0.1], [0.24, -0.7]))
     assert found == pytest.approx({"thermal_friction@2": 0.24, "current_bias@2": 0.1})
 
 
@@ -138,7 +141,7 @@ def test_a_size_that_no_step_came_to_does_not_count() -> None:
 def test_a_set_that_was_not_fitted_itself_is_as_large_as_where_it_stands(
     size: float, leaves: float, said: tuple[str, ...]
 ) -> None:
-    assert decide(beside_a_bias(size, leaves)).verdict == said
+    assert score_hypotheses(beside_a_bias(size, leaves)).verdict == said
 
 
 def beside_a_bias(size: float, leaves: float, alone: float | None = None) -> Any:
@@ -147,7 +150,7 @@ def beside_a_bias(size: float, leaves: float, alone: float | None = None) -> Any
     both = ("current_bias@2", "thermal_friction@2")
     fit = standing([size, -0.1], [size, -0.1])
     worth = {(): -60.0, (0,): 0.0, (1,): -58.0, (0, 1): -2.0}
-    fit.names, fit.lesser, fit.evidence = both, list(worth), lambda _, atoms, worth=worth: worth[atoms]
+    fit.names, fit.subsets, fit.evidence = both, list(worth), lambda _, atoms, worth=worth: worth[atoms]
     words = fit.design.words
     words.columns, words.spike = (), np.full(2, 0.05)
     none = Stands(**{**vars(fit), "names": (), "atoms": (), "lesser": [()], "evidence": lambda *_: -60.0})
@@ -157,13 +160,16 @@ def beside_a_bias(size: float, leaves: float, alone: float | None = None) -> Any
         each.temperature, each.excess, each.clean, each.reached = 12.0, 1.0, 0.0, -1.0 if each is fit else -60.0
         each.unexplained = np.array([leaves if each is fit else 4.0 * leaves, 0.0])
         each.score = SimpleNamespace(at=SimpleNamespace(level=1.0))
-    return SimpleNamespace(words=words, fitted=fitted, screened=[SimpleNamespace(atoms=(), evidence=-60.0)])
+    return SimpleNamespace(candidates=words, fits=fitted, screened=[SimpleNamespace(effects=(), evidence=-60.0)])
 
 
-@pytest.mark.parametrize(("alone", "done"), [(-1.0, True), (5.0, True), (1.0 - BEHIND, True), (-1.0 - BEHIND, False)])
+@pytest.mark.parametrize(
+    ("alone", "done"),
+    [(-1.0, True), (5.0, True), (1.0 - MOST_EVIDENCE_DEFICIT, True), (-1.0 - MOST_EVIDENCE_DEFICIT, False)],
+)
 def test_a_fit_that_was_left_on_the_way_does_not_stand_for_its_set(alone: float, done: bool) -> None:
     search = beside_a_bias(0.5, 0.0, alone)
-    found = decide(search)
+    found = score_hypotheses(search)
     assert found.verdict == ("thermal_friction@2",)
     assert found.best is search.fitted[1 if done else 0]
 
@@ -174,12 +180,12 @@ def test_what_was_not_worth_a_fit_is_none_as_far_as_it_is_too_small_to_count() -
 
     def stated(large: float) -> float:
         search = beside_a_bias(0.2, 0.0)
-        search.words.atoms += (Atom("payload", 1, "link", (), {}, True),)
-        search.screened.append(SimpleNamespace(atoms=(2,), evidence=-60.0, large=large))
+        search.words.atoms += (Candidate("payload", 1, "link", (), {}, True),)
+        search.screened.append(SimpleNamespace(effects=(2,), evidence=-60.0, presence_probability=large))
         search.fitted[0].evidence = lambda *_: -60.0
-        found = decide(search)
+        found = score_hypotheses(search)
         assert found.verdict == ()
-        return found.stated
+        return found.uncalibrated_probability
 
     none = [stated(large) for large in (0.0, 0.25, 1.0)]
     assert none[0] == pytest.approx(1.0, abs=1e-12) and none[2] < 0.9
@@ -188,7 +194,9 @@ def test_what_was_not_worth_a_fit_is_none_as_far_as_it_is_too_small_to_count() -
 
 def test_what_is_too_small_is_not_in_the_set() -> None:
     names = ("current_bias@2", "thermal_friction@2")
-    assert _less(names, dict(zip(names, (0.99, 3.0), strict=True)), {(): -9.0, names: 0.0}, PLACES) == names[1:]
+    assert (
+        _drop_negligible(names, dict(zip(names, (0.99, 3.0), strict=True)), {(): -9.0, names: 0.0}, PLACES) == names[1:]
+    )
 
 
 @pytest.mark.parametrize(
@@ -207,9 +215,9 @@ def test_what_is_too_small_is_not_in_the_set() -> None:
 def test_no_effect_is_named_where_none_is_in_doubt(probable: dict[str, float], said: tuple[str, ...]) -> None:
     fit: Any = "where it stands"
     given = [Hypothesis((name,) if name else (), p, None if "unknown" in name else fit) for name, p in probable.items()]
-    found = decided(given, fit)
+    found = conclude_verdict(given, fit)
     assert found.verdict == said
-    assert found.stated == probable["".join(said)]
+    assert found.uncalibrated_probability == probable["".join(said)]
     assert next(h.probability for h in found.hypotheses if h.names == said) == found.probability
     assert [h.probability for h in found.hypotheses] == sorted((h.probability for h in found.hypotheses), reverse=True)
     np.testing.assert_allclose(sum(h.probability for h in found.hypotheses), 1.0)
@@ -217,53 +225,63 @@ def test_no_effect_is_named_where_none_is_in_doubt(probable: dict[str, float], s
 
 def fit(s: float, left: float, level: float = 1.0, lacks: float | None = None) -> Any:
     """A fit that leaves that much, of the torque, and of the evidence unless that is given."""
-    at = SimpleNamespace(s=s, level=level)
+    at = SimpleNamespace(s=s, noise_level=level)
     reached = -100.0 * (left if lacks is None else lacks)
-    return SimpleNamespace(score=SimpleNamespace(at=at), reached=reached, clean=0.0, unexplained=np.array([left, 0.0]))
+    return SimpleNamespace(
+        score=SimpleNamespace(at=at), reached=reached, noise_only_evidence=0.0, unexplained_torque=np.array([left, 0.0])
+    )
 
 
 def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:
-    assert _strange(fit(1.0, 3.0), fit(3.0, 3.1)) > 3  # nothing was told
-    assert _strange(fit(1.0, 0.5), fit(3.0, 3.1)) < 0.1  # a real machine, whose gap one effect tells
-    assert _strange(fit(0.01, 0.01), fit(0.01, 0.01)) < 0.01  # nothing to tell
-    assert _strange(fit(0.01, 3.0, level=5.0), fit(0.01, 3.0, level=9.0)) > 3  # no torque, but not noise either
-    assert _strange(fit(1.0, 3.0, lacks=0.1), fit(3.0, 3.1)) < 0.1  # a saturation: the torque stays unexplained
-    assert _strange(fit(1.0, 0.5, lacks=3.0), fit(3.0, 3.1)) < 0.1  # a large error, told for the most part
-    assert _strange(fit(30.0, 0.3), fit(90.0, 3.1)) < 0.1  # so is one whose motion is worth much of its torque
-    assert _strange(fit(30.0, 0.9), fit(90.0, 9.0)) < 0.5
-    assert _strange(fit(1.0, 0.1), fit(1.0, 0.1)) < 0.01  # a little of everything, of which nothing is told
-    assert _strange(fit(30.0, 2.9), fit(90.0, 3.1)) > 3  # unless little is told
-    sizes = [_strange(fit(1.0, torque), fit(3.0, 3.0)) for torque in (0.1, 0.5, 1.0, 2.0, 3.0)]
+    assert _compute_unknown_odds(fit(1.0, 3.0), fit(3.0, 3.1)) > 3  # nothing was told
+    assert _compute_unknown_odds(fit(1.0, 0.5), fit(3.0, 3.1)) < 0.1  # a real machine, whose gap one effect tells
+    assert _compute_unknown_odds(fit(0.01, 0.01), fit(0.01, 0.01)) < 0.01  # nothing to tell
+    assert (
+        _compute_unknown_odds(fit(0.01, 3.0, level=5.0), fit(0.01, 3.0, level=9.0)) > 3
+    )  # no torque, but not noise either
+    assert (
+        _compute_unknown_odds(fit(1.0, 3.0, lacks=0.1), fit(3.0, 3.1)) < 0.1
+    )  # a saturation: the torque stays unexplained
+    assert _compute_unknown_odds(fit(1.0, 0.5, lacks=3.0), fit(3.0, 3.1)) < 0.1  # a large error, told for the most part
+    assert (
+        _compute_unknown_odds(fit(30.0, 0.3), fit(90.0, 3.1)) < 0.1
+    )  # so is one whose motion is worth much of its torque
+    assert _compute_unknown_odds(fit(30.0, 0.9), fit(90.0, 9.0)) < 0.5
+    assert (
+        _compute_unknown_odds(fit(1.0, 0.1), fit(1.0, 0.1)) < 0.01
+    )  # a little of everything, of which nothing is told
+    assert _compute_unknown_odds(fit(30.0, 2.9), fit(90.0, 3.1)) > 3  # unless little is told
+    sizes = [_compute_unknown_odds(fit(1.0, torque), fit(3.0, 3.0)) for torque in (0.1, 0.5, 1.0, 2.0, 3.0)]
     assert sizes == sorted(sizes)
 
 
 def frozen(temperature: float, path: Path, lapse: float = 0.0) -> calibration.Calibration:
     losses = {"loss_before": 1.0, "loss_after": 0.5}
     content = {"schema": 2, "temperature": temperature, "lapse": lapse, "seeds": [], "cases": 48, **losses}
-    path.write_text(json.dumps({**content, "sha256": calibration.digest(content)}))
+    path.write_text(json.dumps({**content, "sha256": calibration.compute_digest(content)}))
     return calibration.read(path)
 
 
 def test_a_calibrated_probability_is_less_sure_and_keeps_its_order(tmp_path: Path) -> None:
     found = frozen(4.0, tmp_path / "c.json")
     stated = np.array([0.51, 0.7, 0.9, 0.99, 1 - 1e-9, 1.0])
-    believed = np.array([found.believed(p) for p in stated])
+    believed = np.array([found.calibrate(p) for p in stated])
     assert (np.diff(believed) >= 0).all() and (believed <= stated).all() and (believed > 0.5).all()
     assert believed[-1] == pytest.approx(believed[-2]) and believed[-1] < 0.98
-    assert found.believed(0.3) == 0.3
+    assert found.calibrate(0.3) == 0.3
     odds = believed[1] / (1 - believed[1])
     assert odds**4 == pytest.approx(0.7 / 0.3)
     same = frozen(1.0, tmp_path / "c.json")
-    assert same.believed(0.9) == pytest.approx(0.9)
+    assert same.calibrate(0.9) == pytest.approx(0.9)
 
 
 def test_nothing_is_believed_beyond_what_a_search_may_miss(tmp_path: Path) -> None:
     few = frozen(1.0, tmp_path / "c.json", lapse=0.05)
-    assert [few.believed(p) for p in (0.3, 0.52, 0.6, 1.0)] == pytest.approx([0.3, 0.5, 0.57, 0.95], abs=1e-6)
+    assert [few.calibrate(p) for p in (0.3, 0.52, 0.6, 1.0)] == pytest.approx([0.3, 0.5, 0.57, 0.95], abs=1e-6)
 
 
 def test_the_calibration_that_comes_with_the_product_is_as_it_was_frozen(tmp_path: Path) -> None:
-    content = json.loads(calibration.FROZEN.read_text())
+    content = json.loads(calibration.CALIBRATION_FILE.read_text())
     assert calibration.read().temperature == content["temperature"] >= 1.0
     assert calibration.read().lapse == content["lapse"] >= 1.0 / (content["cases"] + 2)
     content["temperature"] = 1.0 + content["temperature"]

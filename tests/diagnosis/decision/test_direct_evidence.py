@@ -10,10 +10,15 @@ import numpy as np
 import pytest
 
 from hdagen.arm.arm_parameters import Parameter
-from hdagen.diagnosis.decision.direct_evidence import HALF, Sure, _between, beside
-from hdagen.diagnosis.decision.direct_evidence import borne as within
+from hdagen.diagnosis.decision.direct_evidence import (
+    DIRECT_EVIDENCE_SHARE,
+    DirectEvidence,
+    _find_encoder_effects,
+    add_direct_evidence,
+)
+from hdagen.diagnosis.decision.direct_evidence import add_motor_torque as within
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
-from hdagen.diagnosis.initialization.encoder_regression import Between
+from hdagen.diagnosis.initialization.encoder_regression import EncoderDifference
 
 RATE, STIFFNESS = 1000.0, 8000.0  # Hz, N m/rad
 USUAL = {
@@ -31,7 +36,7 @@ def parameter(name: str) -> Parameter:
     return Parameter(**fields, **rest, typical=typical)  # type: ignore[arg-type]
 
 
-def between(seed: int, strange: float = 3.0, **truth: float) -> Between:
+def between(seed: int, strange: float = 3.0, **truth: float) -> EncoderDifference:
     """A joint that moves for 10 s under a torque that no model tells, its encoders apart by what is ``truth`` and by
     the torsion, with counts of noise."""
     rng, t = np.random.default_rng(seed), np.arange(10_000) / RATE
@@ -51,21 +56,27 @@ def between(seed: int, strange: float = 3.0, **truth: float) -> Between:
     every = np.ones(len(t), bool)
     terms = np.stack(list(columns.values()), 1)
     driven = (torque + unknown + 0.02 * rng.normal(size=len(t)))[:, None]
-    return Between(1, tuple(map(parameter, columns)), twist, terms, borne, driven, every, every, q, torque)
+    return EncoderDifference(1, tuple(map(parameter, columns)), twist, terms, borne, driven, every, every, q, torque)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_an_age_is_read_off_though_the_torque_is_not_known(seed: int) -> None:
-    found = {one.name: one for one in _between(within(between(seed, sensor_delay=3e-3)))}
+    found = {one.name: one for one in _find_encoder_effects(within(between(seed, sensor_delay=3e-3)))}
     told = found["sensor_delay@1"]
-    assert told.share < HALF
+    assert told.remaining_share < DIRECT_EVIDENCE_SHARE
     assert told.parameters["sensor_delay_1"] == pytest.approx(3e-3, rel=0.3)  # the torque goes with the speed, too
-    assert all(one.share > HALF for name, one in found.items() if name != "sensor_delay@1")
+    assert all(one.remaining_share > DIRECT_EVIDENCE_SHARE for name, one in found.items() if name != "sensor_delay@1")
 
 
 def test_an_eccentricity_beside_an_age_is_read_off_too() -> None:
-    found = {one.name: one for one in _between(within(between(7, 0.1, sensor_delay=3e-3, eccentricity_sine=1.1e-3)))}
-    assert {name for name, one in found.items() if one.share < HALF} >= {"sensor_delay@1", "encoder_eccentricity@1"}
+    found = {
+        one.name: one
+        for one in _find_encoder_effects(within(between(7, 0.1, sensor_delay=3e-3, eccentricity_sine=1.1e-3)))
+    }
+    assert {name for name, one in found.items() if one.remaining_share < DIRECT_EVIDENCE_SHARE} >= {
+        "sensor_delay@1",
+        "encoder_eccentricity@1",
+    }
     assert found["encoder_eccentricity@1"].parameters["eccentricity_sine_1"] == pytest.approx(1.1e-3, rel=0.2)
 
 
@@ -73,19 +84,27 @@ def test_an_eccentricity_beside_an_age_is_read_off_too() -> None:
 def test_a_cable_is_no_eccentricity(seed: int) -> None:
     """A pull that goes with the angle twists the joint as an encoder off centre would seem to; the motor feels it."""
     one = between(seed, 0.1)
-    pulled = replace(one, twist=one.twist + 6.0 * one.angle / STIFFNESS, driven=one.driven + 6.0 * one.angle[:, None])
-    assert [found for found in _between(pulled) if found.share < HALF]
-    assert not [found for found in _between(within(pulled)) if found.share < HALF]
+    pulled = replace(
+        one, twist=one.twist + 6.0 * one.angle / STIFFNESS, motor_terms=one.motor_terms + 6.0 * one.angle[:, None]
+    )
+    assert [found for found in _find_encoder_effects(pulled) if found.remaining_share < DIRECT_EVIDENCE_SHARE]
+    assert not [
+        found for found in _find_encoder_effects(within(pulled)) if found.remaining_share < DIRECT_EVIDENCE_SHARE
+    ]
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_where_there_is_nothing_nothing_is_read_off(seed: int) -> None:
     """The torque that is not known twists the joint by a third of a milliradian, and no encoder errs."""
-    assert not [one for one in _between(within(between(seed))) if one.share < HALF]
+    assert not [
+        one for one in _find_encoder_effects(within(between(seed))) if one.remaining_share < DIRECT_EVIDENCE_SHARE
+    ]
 
 
 def test_what_is_too_small_to_count_is_not_named() -> None:
-    assert not [one for one in _between(within(between(3, sensor_delay=4e-4))) if one.name == "sensor_delay@1"]
+    assert not [
+        one for one in _find_encoder_effects(within(between(3, sensor_delay=4e-4))) if one.name == "sensor_delay@1"
+    ]
 
 
 PLACES = {
@@ -98,7 +117,7 @@ PLACES = {
     "command_delay@1": "input",
     "current_loop_lag@1": "input",
 }
-DELAY = Sure("sensor_delay@1", {"sensor_delay_1": 3e-3}, 0.1)
+DELAY = DirectEvidence("sensor_delay@1", {"sensor_delay_1": 3e-3}, 0.1)
 
 
 def decision(said: str, **probable: float) -> Decision:
@@ -120,21 +139,21 @@ def decision(said: str, **probable: float) -> Decision:
 
 def test_the_decision_names_it_beside_what_is_unknown() -> None:
     given = decision("unknown_at_1", unknown_at_1=0.7, joint_damping_at_1=0.3)
-    found = beside(given, [DELAY])
-    assert found.verdict == ("sensor_delay@1", "unknown@1") and found.unknown and not found.sure
-    assert found.hypotheses[0].names == found.verdict and found.hypotheses[0].unknown
-    assert found.marginal("sensor_delay@1") == pytest.approx(0.7)
-    assert found.beside == {"sensor_delay@1": {"sensor_delay_1": 3e-3}}
-    assert beside(given, []) is given
+    found = add_direct_evidence(given, [DELAY])
+    assert found.verdict == ("sensor_delay@1", "unknown@1") and found.is_unknown and not found.is_sure
+    assert found.hypotheses[0].names == found.verdict and found.hypotheses[0].is_unknown
+    assert found.marginal_probability("sensor_delay@1") == pytest.approx(0.7)
+    assert found.direct_evidence == {"sensor_delay@1": {"sensor_delay_1": 3e-3}}
+    assert add_direct_evidence(given, []) is given
 
 
 def test_a_set_that_was_fitted_with_it_is_said_and_probabilities_stay_as_calibrated() -> None:
     given = decision(
         "cable_spring_at_1", cable_spring_at_1=0.9, cable_spring_at_1_and_encoder_eccentricity_at_2=0.06, none=0.04
     )
-    found = beside(given, [Sure("encoder_eccentricity@2", {"eccentricity_sine_2": 4e-4}, 0.1)])
+    found = add_direct_evidence(given, [DirectEvidence("encoder_eccentricity@2", {"eccentricity_sine_2": 4e-4}, 0.1)])
     assert found.verdict == ("cable_spring@1", "encoder_eccentricity@2")
-    assert found.best is given.hypotheses[1].fit and not found.beside
+    assert found.best is given.hypotheses[1].fit and not found.direct_evidence
     assert [h.probability for h in found.hypotheses] == pytest.approx([0.9, 0.1])
 
 
@@ -153,12 +172,12 @@ def test_a_set_that_was_fitted_with_it_is_said_and_probabilities_stay_as_calibra
 )
 def test_what_shows_at_the_same_place_stands_for_it(verdict: str, seen: str, added: bool) -> None:
     given = decision(verdict, **{verdict: 0.9, "joint_damping_at_1": 0.1})
-    found = beside(given, [Sure(seen, {}, 0.1)])
+    found = add_direct_evidence(given, [DirectEvidence(seen, {}, 0.1)])
     assert (seen in found.verdict) is added
     assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
 
 
 def test_what_is_read_off_is_told_without_its_joint_in_the_names() -> None:
-    one = Sure("sensor_delay@2", {"sensor_delay_2": 3e-3}, 0.1)
+    one = DirectEvidence("sensor_delay@2", {"sensor_delay_2": 3e-3}, 0.1)
     parameters = {"sensor_delay": 3e-3}
     assert one.content == {"effect": "sensor_delay", "joint": 2, "parameters": parameters, "left": 0.1}

@@ -12,39 +12,41 @@ from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import gap
-from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import Hypothesis
-from hdagen.diagnosis.decision.verdict_content import LIKELY, _instead
-from hdagen.diagnosis.holdout.hypothesis_ranking import MOST, ladder
-from hdagen.diagnosis.inference.candidate_priors import Dictionary
-from hdagen.diagnosis.initialization.candidate_list import dictionary
-from hdagen.diagnosis.initialization.initial_guess import Suggested
+from hdagen.diagnosis.decision.verdict_content import LEAST_ALTERNATIVE_PROBABILITY, _compute_alternative_probability
+from hdagen.diagnosis.holdout.hypothesis_ranking import MOST_RANKED_HYPOTHESES, rank_hypotheses
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.initialization.candidate_list import build_candidates
+from hdagen.diagnosis.initialization.initial_guess import InitialGuess
 from hdagen.prediction.window_replay import Replay, replay
 
 Builder = Callable[..., Compiled]
 TRUTH = {"cable_stiffness_1": 1.5, "bias_2": 0.01}
 
 
-def stands(arm: Arm, words: Dictionary, names: tuple[str, ...], values: dict[str, float]) -> Any:
+def stands(arm: Arm, words: CandidateSet, names: tuple[str, ...], values: dict[str, float]) -> Any:
     """A fit of ``names`` that stands at ``values``."""
     p = arm.p.copy()
     for name, value in values.items():
         p[list(arm.parameters.described).index(name)] = value
-    atoms = tuple(next(k for k, a in enumerate(words.atoms) if a.name == name and a.first) for name in names)
-    design = SimpleNamespace(words=words, point=SimpleNamespace(p=p), shooting=SimpleNamespace(arm=arm))
+    atoms = tuple(
+        next(k for k, a in enumerate(words.members) if a.name == name and a.has_default_shapes) for name in names
+    )
+    design = SimpleNamespace(candidates=words, point=SimpleNamespace(p=p), shooting=SimpleNamespace(arm=arm))
     posterior = np.zeros(len(words.columns)), np.eye(len(words.columns))
-    return SimpleNamespace(design=design, posterior=posterior, atoms=atoms, names=names)
+    return SimpleNamespace(sensitivities=design, posterior=posterior, effects=atoms, names=names)
 
 
 def test_each_rung_is_a_hypothesis_with_its_own_parameters(build: Builder) -> None:
     arm = Arm(build(FLEXIBLE, effects=("cable_spring", "current_bias")).folder)
-    words = dictionary(arm, Suggested({}, {}, {})).focused(())
+    words = build_candidates(arm, InitialGuess({}, {}, {})).columns_for(())
     arm.parameters.update(TRUTH)
     log = simulated(arm)
     whole = replay(arm, log)
     arm.parameters.reset()
-    held, before = Portion(log, np.ones(len(log), bool)), replay(arm, log)
+    held, before = LogPortion(log, np.ones(len(log), bool)), replay(arm, log)
     cable, bias = ("cable_spring@1",), ("current_bias@2",)
     both = cable + bias
     mass = arm.parameters["mass_1"]
@@ -53,7 +55,7 @@ def test_each_rung_is_a_hypothesis_with_its_own_parameters(build: Builder) -> No
         Hypothesis(("unknown@1",), 0.05, None),
         Hypothesis(cable, 0.03, stands(arm, words, cable, {"cable_stiffness_1": 1.5})),
         Hypothesis((), 0.02, stands(arm, words, (), {"mass_1": 2.0 * mass})),
-        *(Hypothesis(bias, 0.0, stands(arm, words, bias, {"bias_2": 0.01})) for _ in range(MOST)),
+        *(Hypothesis(bias, 0.0, stands(arm, words, bias, {"bias_2": 0.01})) for _ in range(MOST_RANKED_HYPOTHESES)),
     ]
     decision: Any = SimpleNamespace(hypotheses=hypotheses, verdict=both, probability=0.9)
     bases: list[float] = []
@@ -62,11 +64,11 @@ def test_each_rung_is_a_hypothesis_with_its_own_parameters(build: Builder) -> No
         bases.append(changed.parameters["mass_1"])
         return replay(changed, log)
 
-    found = ladder(decision, list(both), before, whole, held, seen)
+    found = rank_hypotheses(decision, list(both), before, whole, held, seen)
     by = {(one["model"], tuple(one["effects"])): one for one in found}
     assert [one["gap"] for one in found] == sorted((one["gap"] for one in found), reverse=True)
-    assert len(found) == 3 + MOST and ("hypothesis", ("unknown@1",)) not in by
-    exact = gap(before, whole, held)
+    assert len(found) == 3 + MOST_RANKED_HYPOTHESES and ("hypothesis", ("unknown@1",)) not in by
+    exact = evaluate_gap(before, whole, held)
     assert by["robot file", ()]["gap"] == pytest.approx(exact["before"]) and by["robot file", ()]["probability"] is None
     assert by["verdict", both]["gap"] == pytest.approx(exact["after"]) and by["verdict", both]["probability"] == 0.9
     assert by["verdict", both]["gap"] < by["hypothesis", cable]["gap"] < by["robot file", ()]["gap"]
@@ -78,11 +80,11 @@ def test_each_rung_is_a_hypothesis_with_its_own_parameters(build: Builder) -> No
 
 def test_a_verdict_that_was_withdrawn_stays_as_a_hypothesis(build: Builder) -> None:
     arm = Arm(build(FLEXIBLE, effects=("current_bias",)).folder)
-    words, log = dictionary(arm, Suggested({}, {}, {})).focused(()), simulated(arm)
-    held, before, name = Portion(log, np.ones(len(log), bool)), replay(arm, log), ("current_bias@2",)
+    words, log = build_candidates(arm, InitialGuess({}, {}, {})).columns_for(()), simulated(arm)
+    held, before, name = LogPortion(log, np.ones(len(log), bool)), replay(arm, log), ("current_bias@2",)
     hypotheses = [Hypothesis(name, 0.9, stands(arm, words, name, {"bias_2": 0.01}))]
     decision: Any = SimpleNamespace(hypotheses=hypotheses, verdict=name, probability=0.9)
-    found = ladder(decision, [], before, before, held, lambda changed: replay(changed, log))
+    found = rank_hypotheses(decision, [], before, before, held, lambda changed: replay(changed, log))
     said = {one["model"]: (one["effects"], one["probability"]) for one in found}
     assert said == {"robot file": ([], None), "verdict": ([], None), "hypothesis": (["current_bias@2"], 0.9)}
 
@@ -107,7 +109,7 @@ def test_only_what_may_be_there_in_its_place_is_confounded_with_an_effect(name: 
         (*verdict, "payload@2"): 0.04,
     }
     hypotheses = [Hypothesis(n, p, None) for n, p in sets.items()]
-    decision: Any = SimpleNamespace(verdict=verdict, hypotheses=hypotheses, beside={})
-    assert (_instead(decision, name, other) > LIKELY) is instead
+    decision: Any = SimpleNamespace(verdict=verdict, hypotheses=hypotheses, direct_evidence={})
+    assert (_compute_alternative_probability(decision, name, other) > LEAST_ALTERNATIVE_PROBABILITY) is instead
     decision.beside = {name: {}}  # read off, and surely there
-    assert _instead(decision, name, other) == 0.0
+    assert _compute_alternative_probability(decision, name, other) == 0.0

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from hdagen.diagnosis.data.gap import ABOVE
-from hdagen.diagnosis.decision.posterior import SURE, Decision, Hypothesis
-from hdagen.diagnosis.holdout.leading_set import SEVERAL, lead_on_unseen_motion
+from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
+from hdagen.diagnosis.decision.posterior import SURE_BELOW, Decision, Hypothesis
+from hdagen.diagnosis.holdout.leading_set import LEADING_GAP_RATIO, lead_on_unseen_motion
 
 LEAD, OTHER, THIRD = ("torque_ripple@1",), ("coulomb_friction@1",), ("coulomb_friction@1", "viscous_friction@1")
 
@@ -31,15 +31,15 @@ def test_the_set_that_tells_unseen_motion_several_times_better_leads_and_is_not_
     found = lead({LEAD: 926.0, OTHER: 80.0, THIRD: 74.0})
     assert found.verdict == THIRD
     assert found.hypotheses[0].names == THIRD and found.hypotheses[0].fit is found.best
-    assert not found.sure and SURE < found.marginal(LEAD[0]) < found.probability
+    assert not found.is_sure and SURE_BELOW < found.marginal_probability(LEAD[0]) < found.probability
     assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
     ("gaps", "why"),
     [
-        ({LEAD: 926.0, OTHER: 926.0 / SEVERAL + 1.0, THIRD: 900.0}, "not several times"),
-        ({LEAD: ABOVE, OTHER: 1.0, THIRD: 1.0}, "nothing is left that counts"),
+        ({LEAD: 926.0, OTHER: 926.0 / LEADING_GAP_RATIO + 1.0, THIRD: 900.0}, "not several times"),
+        ({LEAD: SIGNIFICANT_NOISE_MULTIPLE, OTHER: 1.0, THIRD: 1.0}, "nothing is left that counts"),
     ],
 )
 def test_the_most_probable_set_leads_otherwise(gaps: dict[tuple[str, ...], float], why: str) -> None:

@@ -48,7 +48,7 @@ def test_what_closes_next_to_nothing_is_listed_as_small() -> None:
     assert after.verdict == (FRICTION,) and after.best.names == (FRICTION,)
     assert after.probability == pytest.approx(0.97)
     assert sum(h.probability for h in after.hypotheses) == pytest.approx(1.0)
-    assert after.marginal(TILT) == pytest.approx(0.02)
+    assert after.marginal_probability(TILT) == pytest.approx(0.02)
     (one,) = small
     assert (one["effect"], one["joint"], one["with"]) == ("gravity_tilt", 0, 38.5)
     assert one["without"] == pytest.approx(39.1, rel=1e-3)

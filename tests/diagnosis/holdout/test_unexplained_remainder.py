@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 from test_result_shapes import CHANNEL, FRICTION, content
 
-from hdagen.diagnosis.data.gap import ABOVE
+from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
 from hdagen.diagnosis.holdout.unexplained_remainder import (
-    SHARE,
+    NAMED_REMAINDER_SHARE,
     is_as_good_as_it_gets,
     measure_remainders,
     name_remainders,
 )
-from hdagen.diagnosis.report.sentences import sentence
+from hdagen.diagnosis.report.sentences import write_verdict
 
 
 def channel(before: float, after: float) -> dict[str, float]:
@@ -39,9 +39,9 @@ def test_a_joint_is_explained_as_well_as_its_best_channel_is() -> None:
 @pytest.mark.parametrize(
     ("share", "noise", "said"),
     [
-        (SHARE + 0.01, ABOVE + 1.0, True),
-        (SHARE - 0.01, 1000.0, False),  # most of it is explained
-        (1.0, ABOVE - 1.0, False),  # it is near the noise
+        (NAMED_REMAINDER_SHARE + 0.01, SIGNIFICANT_NOISE_MULTIPLE + 1.0, True),
+        (NAMED_REMAINDER_SHARE - 0.01, 1000.0, False),  # most of it is explained
+        (1.0, SIGNIFICANT_NOISE_MULTIPLE - 1.0, False),  # it is near the noise
     ],
 )
 def test_much_that_remains_stands_beside_what_is_named(share: float, noise: float, said: bool) -> None:
@@ -68,11 +68,11 @@ def test_where_nothing_can_be_closed_a_model_is_as_good_as_it_gets(
 
 def test_the_sentence_says_what_is_there_and_then_what_remains() -> None:
     remains = [{"joint": 1, "share": 0.41, "noise": 50.0}]
-    said = sentence(content([FRICTION, "unknown@1"], [[FRICTION]], remains=remains))
+    said = write_verdict(content([FRICTION, "unknown@1"], [[FRICTION]], remains=remains))
     assert said.startswith("Coulomb friction on joint 1 is missing in the model (probability 1.00)")
     assert "What no known effect explains remains beside it: 41 % of the error at joint 1." in said
     assert "unknown" not in said
-    alone = sentence(content(["unknown@1", "unknown@2"], [["unknown@1"]], remains=remains))
+    alone = write_verdict(content(["unknown@1", "unknown@2"], [["unknown@1"]], remains=remains))
     assert alone.startswith("Joints 1, 2 miss something that no known effect explains") and "remains" not in alone
 
 
@@ -86,6 +86,6 @@ def test_where_nothing_can_be_closed_the_sentence_says_so() -> None:
         "interval": None,
     }
     told = content([], [["unknown@1"], []], as_good_as_it_gets=True, gap=gap | {"floor": 1.0, "by_channel": CHANNEL})
-    assert sentence(told).startswith(
+    assert write_verdict(told).startswith(
         "The model is as good as it gets here: nothing that was fitted closes much of the gap"
     )

@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 
 from hdagen.adoption import verdict
-from hdagen.diagnosis.data.gap import ABOVE
-from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
+from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout import verdict_withdrawal
-from hdagen.diagnosis.holdout.unseen_motion import UnseenMotion
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import (
-    LEAST_ODDS,
-    MOST,
-    _closes,
-    borne_out,
-    doubted,
-    known,
-    leave_shares,
+    LEAST_UNKNOWN_ODDS,
+    MOST_REMAINING_SHARE,
+    _closes_gap,
+    doubt_on_holdout,
+    is_at_bound,
     leaves_little,
-    outsized,
-    stands,
+    measure_remaining_shares,
+    remove_unknown,
+    reweigh_unknown,
+    withdraw_harmful,
 )
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import Replay
@@ -33,7 +33,7 @@ from hdagen.prediction.window_replay import Replay
 NOISE = {f"{quantity}_{j}": 1e-3 for j in (1, 2) for quantity in ("motor_position", "joint_position", "motor_current")}
 ROWS = 1000
 LOG = Log(1e-3 * np.arange(ROWS), {name: np.zeros(ROWS) for name in NOISE}, 2, "test")
-HELD = Portion.whole(LOG)
+HELD = LogPortion.all_rows(LOG)
 FAR = {"motor_position_1": 100.0, "joint_position_1": 400.0, "motor_position_2": 300.0, "joint_position_2": 300.0}
 
 
@@ -49,9 +49,9 @@ def left(first: float, second: float) -> Replay:
     return replay({name: value * (first if name.endswith("1") else second) for name, value in FAR.items()})
 
 
-def motion(whole: Replay, flexible: Replay | None = None, base: Replay | None = None) -> UnseenMotion:
+def motion(whole: Replay, flexible: Replay | None = None, base: Replay | None = None) -> HoldoutMotion:
     """What `FAR` errs by, where a simulation of any model is ``whole``."""
-    return UnseenMotion(HELD, lambda _: whole, replay(FAR), base or replay(FAR), flexible or whole)
+    return HoldoutMotion(HELD, lambda _: whole, replay(FAR), base or replay(FAR), flexible or whole)
 
 
 def decision(names: tuple[str, ...], probability: float, *, also: tuple[str, ...] | None = None) -> Decision:
@@ -67,7 +67,7 @@ FITS = dict.fromkeys(((), ("payload@1",), ("payload@2",)), ONE)
 
 
 def worst(before: Replay, after: Replay, whole: Replay, named: set[int] | None = None) -> tuple[int, float]:
-    shares = leave_shares(before, after, whole, HELD, named or set())
+    shares = measure_remaining_shares(before, after, whole, HELD, named or set())
     return max(shares.items(), key=lambda one: one[1], default=(0, 0.0))
 
 
@@ -97,28 +97,31 @@ def test_a_torque_sensor_that_is_explained_is_enough_and_one_that_did_not_err_sa
 
 
 def test_what_is_left_within_a_few_times_the_noise_does_not_count() -> None:
-    near = replay(dict.fromkeys(FAR, 0.9 * ABOVE))
-    assert worst(replay(dict.fromkeys(FAR, ABOVE)), near, near, {1, 2})[1] == 0.0
+    near = replay(dict.fromkeys(FAR, 0.9 * SIGNIFICANT_NOISE_MULTIPLE))
+    assert worst(replay(dict.fromkeys(FAR, SIGNIFICANT_NOISE_MULTIPLE)), near, near, {1, 2})[1] == 0.0
     assert worst(replay({}), replay({}), replay({}), {1, 2})[1] == 0.0
 
 
 @pytest.fixture(autouse=True)
 def whole_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     """The model where a best fit stands; a simulation of it is the motion's."""
-    monkeypatch.setattr(verdict_withdrawal, "use_whole", lambda _: "all that it has")
+    monkeypatch.setattr(verdict_withdrawal, "build_fitted_arm", lambda _: "all that it has")
 
 
-@pytest.mark.parametrize(("first", "says"), [(0.02, False), (MOST - 0.01, False), (MOST + 0.01, True), (1.0, True)])
+@pytest.mark.parametrize(
+    ("first", "says"),
+    [(0.02, False), (MOST_REMAINING_SHARE - 0.01, False), (MOST_REMAINING_SHARE + 0.01, True), (1.0, True)],
+)
 @pytest.mark.parametrize("names", [(), ("payload@1",)])
 def test_what_leaves_most_of_a_joints_gap_is_unknown_there(names: tuple[str, ...], first: float, says: bool) -> None:
     given = decision(names, 0.95, also=("payload@1",) if not names else ())
     named = min(first, 0.9)  # of more than that the verdict itself must close something
-    found, told = doubted(given, FITS, names, motion(left(first, 0.1)), left(named if names else 1.0, 0.1))
+    found, told = doubt_on_holdout(given, FITS, names, motion(left(first, 0.1)), left(named if names else 1.0, 0.1))
     if not says:
         assert found is given and told is None
         return
     assert told == {"verdict": list(names), "joint": 1, "left": pytest.approx(named if names else first)}
-    assert found.verdict == ("unknown@1",) and not found.sure and found.best is given.best
+    assert found.verdict == ("unknown@1",) and not found.is_sure and found.best is given.best
     assert 0.4 < found.probability < 0.9
     assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
     second = next(h for h in found.hypotheses if h.names == names)
@@ -129,31 +132,31 @@ def test_what_leaves_most_of_a_joints_gap_is_unknown_there(names: tuple[str, ...
 def test_the_more_is_left_the_surer_it_is() -> None:
     given = decision((), 0.8)
     seen = [left(share, 0.1) for share in (0.7, 0.8, 1.0)]
-    sure = [doubted(given, FITS, (), motion(one), one)[0].probability for one in seen]
+    sure = [doubt_on_holdout(given, FITS, (), motion(one), one)[0].probability for one in seen]
     assert sure == sorted(sure) and sure[0] < sure[-1]
 
 
 def test_a_verdict_that_closes_nothing_where_it_is_said_to_be_is_unknown() -> None:
     """Though the whole model does: much that is tolerated stands in for what is not known."""
     given, much = decision(("payload@2",), 0.95), motion(left(0.1, 0.1))
-    assert doubted(given, FITS, given.verdict, much, left(0.1, 1.0))[0].verdict == ("unknown@2",)
-    assert doubted(given, FITS, given.verdict, much, left(1.0, 0.1)) == (given, None)
-    assert doubted(given, FITS, (), much, replay(FAR)) == (given, None)  # none is said: it was withdrawn
+    assert doubt_on_holdout(given, FITS, given.verdict, much, left(0.1, 1.0))[0].verdict == ("unknown@2",)
+    assert doubt_on_holdout(given, FITS, given.verdict, much, left(1.0, 0.1)) == (given, None)
+    assert doubt_on_holdout(given, FITS, (), much, replay(FAR)) == (given, None)  # none is said: it was withdrawn
 
 
 @pytest.mark.parametrize("name", ["payload@2", "gravity_tilt@0"])
 def test_what_closes_its_own_joint_is_there_though_another_one_is_not_explained(name: str) -> None:
     given, after = decision((name,), 0.95), left(1.0, 0.1)
-    assert doubted(given, FITS, given.verdict, motion(after), after) == (given, None)
+    assert doubt_on_holdout(given, FITS, given.verdict, motion(after), after) == (given, None)
 
 
 def test_of_two_effects_the_one_that_closes_its_joint_stays() -> None:
     both, after = ("backlash@1", "payload@2"), left(1.0, 0.1)
-    found, told = doubted(decision(both, 0.95, also=("payload@2",)), FITS, both, motion(after), after)
+    found, told = doubt_on_holdout(decision(both, 0.95, also=("payload@2",)), FITS, both, motion(after), after)
     assert found.verdict == ("payload@2",) and found.probability == pytest.approx(1.0)
     assert told == {"verdict": list(both), "joint": 1, "left": pytest.approx(1.0)}
     given = decision(both, 0.95, also=("payload@2",))
-    assert doubted(given, {}, both, motion(after), after) == (given, None)  # it was not fitted by itself
+    assert doubt_on_holdout(given, {}, both, motion(after), after) == (given, None)  # it was not fitted by itself
 
 
 @pytest.mark.parametrize("named", [0.5, 0.99, 1.0, 1.005, 2.0])
@@ -176,9 +179,9 @@ def test_what_is_said_never_leaves_more_than_the_robot_file(
     def simulate(said: Any) -> Replay:
         return left(named * based, named * based) if said.base else left(named, named)
 
-    monkeypatch.setattr(verdict, "applied", lambda _, said: (said, []))
-    other = UnseenMotion(HELD, simulate, replay(FAR), replay(FAR), left(0.1, 0.1))
-    model, after = stands(plain, both, content, [other])
+    monkeypatch.setattr(verdict, "apply_verdict", lambda _, said: (said, []))
+    other = HoldoutMotion(HELD, simulate, replay(FAR), replay(FAR), left(0.1, 0.1))
+    model, after = withdraw_harmful(plain, both, content, [other])
     gap = content["gap"]
     assert gap["after"] <= gap["before"] and gap["achievable"] <= min(gap["after"], gap["flexible"])
     assert gap["after"] == pytest.approx(after.gap, rel=1e-9)
@@ -188,13 +191,13 @@ def test_what_is_said_never_leaves_more_than_the_robot_file(
 
 def test_what_makes_one_motion_worse_is_withdrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """The blocks that judge, or the log that is held out."""
-    monkeypatch.setattr(verdict, "applied", lambda arm, _: (arm, []))
+    monkeypatch.setattr(verdict, "apply_verdict", lambda arm, _: (arm, []))
     cause = {"effect": "payload", "joint": 2, "parameters": {"payload": {"value": 1.0}}}
     better, worse = motion(left(0.1, 0.1)), motion(left(1.1, 1.1))
     for motions, kept in (([better], ["payload@2"]), ([better, worse], []), ([worse, better], [])):
         content: dict[str, Any] = {"schema": 1, "verdict": ["payload@2"], "causes": [cause], "parameters": {}}
         plain: Any = "robot file"
-        stands(plain, plain, content, motions)
+        withdraw_harmful(plain, plain, content, motions)
         assert content["verdict"] == kept
         assert (content["gap"]["after"] < content["gap"]["before"]) == bool(kept)
 
@@ -208,53 +211,53 @@ def strange(probability: float) -> Decision:
 
 
 def test_what_is_known_is_said_without_what_is_not() -> None:
-    found = known(strange(0.9))
-    assert found.verdict == ("payload@2",) and found.stated == pytest.approx(0.75)
+    found = remove_unknown(strange(0.9))
+    assert found.verdict == ("payload@2",) and found.uncalibrated_probability == pytest.approx(0.75)
     assert {h.names for h in found.hypotheses} == {("payload@2",), ()}
     fit: Any = "where it stands"
     bare = Decision((Hypothesis(("unknown@1",), 0.9, None), Hypothesis((), 0.1, fit)), ("unknown@1",), 0.9, 0.9, fit)
-    assert known(bare).verdict == ()
+    assert remove_unknown(bare).verdict == ()
 
 
 def is_unknown(found: Decision, odds: float) -> bool:
     """Whether something unknown has these odds against all that is known, or the least there are, but for the
     calibration."""
-    odds = max(odds, LEAST_ODDS)
+    odds = max(odds, LEAST_UNKNOWN_ODDS)
     assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
-    unknown = sum(h.probability for h in found.hypotheses if h.unknown)
+    unknown = sum(h.probability for h in found.hypotheses if h.is_unknown)
     return bool(unknown == pytest.approx(odds / (1.0 + odds), abs=0.05))
 
 
 SAID = ("payload@2",)
 
 
-@pytest.mark.parametrize("most", [0.02, 0.2, 0.5, MOST - 1e-3, MOST + 1e-3, 1.0])
+@pytest.mark.parametrize("most", [0.02, 0.2, 0.5, MOST_REMAINING_SHARE - 1e-3, MOST_REMAINING_SHARE + 1e-3, 1.0])
 def test_what_closes_a_third_of_its_joints_error_is_there(most: float) -> None:
     """Whatever is unknown beside it: of odds of 9 no more than what is left of two thirds stays."""
     structure = replay(dict.fromkeys(FAR, 1.0))  # a regression tells it all
-    found = borne_out(strange(0.9), SAID, motion(structure), left(0.01, most))
-    assert found.verdict == (SAID if most <= MOST else ("unknown@1",))
-    odds = 9.0 * min(most / MOST, 1.0) ** 4
-    expected = min(odds, 0.75 * most / MOST) if most <= MOST else odds
+    found = reweigh_unknown(strange(0.9), SAID, motion(structure), left(0.01, most))
+    assert found.verdict == (SAID if most <= MOST_REMAINING_SHARE else ("unknown@1",))
+    odds = 9.0 * min(most / MOST_REMAINING_SHARE, 1.0) ** 4
+    expected = min(odds, 0.75 * most / MOST_REMAINING_SHARE) if most <= MOST_REMAINING_SHARE else odds
     assert is_unknown(found, expected)
 
 
 def test_what_closes_its_own_joint_is_there_whatever_another_one_lacks() -> None:
-    found = borne_out(strange(0.9), SAID, motion(replay(dict.fromkeys(FAR, 1.0))), left(1.0, 0.01))
+    found = reweigh_unknown(strange(0.9), SAID, motion(replay(dict.fromkeys(FAR, 1.0))), left(1.0, 0.01))
     assert found.verdict == SAID
 
 
 def test_what_base_parameters_close_by_themselves_is_not_the_effects() -> None:
     alone, structure = left(0.01, 0.5), replay(dict.fromkeys(FAR, 1.0))
-    assert borne_out(strange(0.9), SAID, motion(structure, base=left(0.5, 0.6)), alone).unknown
-    assert not borne_out(strange(0.9), SAID, motion(structure, base=left(0.5, 0.9)), alone).unknown
+    assert reweigh_unknown(strange(0.9), SAID, motion(structure, base=left(0.5, 0.6)), alone).is_unknown
+    assert not reweigh_unknown(strange(0.9), SAID, motion(structure, base=left(0.5, 0.9)), alone).is_unknown
 
 
 def test_within_a_few_times_the_noise_nothing_is_unknown() -> None:
-    near = replay(dict.fromkeys(FAR, 0.9 * ABOVE))
+    near = replay(dict.fromkeys(FAR, 0.9 * SIGNIFICANT_NOISE_MULTIPLE))
     for flexible in (near, replay(FAR)):
-        found = borne_out(strange(0.999), SAID, motion(flexible), near)
-        assert found.verdict == SAID and not found.sure  # short windows do not tell it
+        found = reweigh_unknown(strange(0.999), SAID, motion(flexible), near)
+        assert found.verdict == SAID and not found.is_sure  # short windows do not tell it
 
 
 BASED = left(0.9, 0.4)  # base parameters close as much: the effect has no credit for it
@@ -266,7 +269,7 @@ BASED = left(0.9, 0.4)  # base parameters close as much: the effect has no credi
 )
 def test_where_no_regression_closes_more_less_of_it_is_unknown(most: float, flexible: float, odds: float) -> None:
     """A regression that closes as little as counts as nothing is no witness."""
-    found = borne_out(strange(0.9), SAID, motion(left(0.9, flexible), base=BASED), left(0.01, most))
+    found = reweigh_unknown(strange(0.9), SAID, motion(left(0.9, flexible), base=BASED), left(0.01, most))
     assert is_unknown(found, odds)
 
 
@@ -277,25 +280,25 @@ def test_where_no_regression_closes_more_less_of_it_is_unknown(most: float, flex
 def test_of_what_long_windows_tell_more_is_unknown_where_a_regression_closes_more(
     most: float, flexible: float, odds: float
 ) -> None:
-    given = replace(strange(0.9), unseen=("contact@1",))
+    given = replace(strange(0.9), undetectable=("contact@1",))
     base = left(0.9, 0.8 * most)
-    found = borne_out(given, SAID, motion(left(0.9, flexible), base=base), left(0.01, most))
+    found = reweigh_unknown(given, SAID, motion(left(0.9, flexible), base=base), left(0.01, most))
     assert is_unknown(found, odds)
-    assert found.unseen == given.unseen and found.lasting
+    assert found.undetectable == given.undetectable and found.is_long_horizon
 
 
 @pytest.mark.parametrize("unseen", [None, ()])
 def test_where_no_encoder_erred_nothing_bears_out_what_is_known(unseen: tuple[str, ...] | None) -> None:
-    given, near = replace(strange(0.9), unseen=unseen), replay({})
-    silent = replace(near, inputs=tuple(name for name in near.errors if "position" in name))
-    mute = UnseenMotion(HELD, lambda _: silent, silent, silent, silent)
-    assert borne_out(given, ("payload@2",), mute, silent).unknown
+    given, near = replace(strange(0.9), undetectable=unseen), replay({})
+    silent = replace(near, driving_channels=tuple(name for name in near.errors if "position" in name))
+    mute = HoldoutMotion(HELD, lambda _: silent, silent, silent, silent)
+    assert reweigh_unknown(given, ("payload@2",), mute, silent).is_unknown
 
 
 def test_what_is_unknown_already_is_left_as_it_is() -> None:
     given = decision(("unknown@2",), 0.7)
     never = replace(motion(replay(FAR)), simulate=lambda _: pytest.fail("it was replayed"))
-    assert doubted(given, FITS, (), never, replay(FAR)) == (given, None)
+    assert doubt_on_holdout(given, FITS, (), never, replay(FAR)) == (given, None)
 
 
 @pytest.mark.parametrize(
@@ -313,7 +316,7 @@ def test_what_is_unknown_already_is_left_as_it_is() -> None:
 def test_beside_something_unknown_a_gap_must_surely_be_much_smaller(
     after: float, interval: list[float] | None, bent: bool, closes: bool
 ) -> None:
-    assert _closes({"before": 100.0, "after": after, "interval": interval}, bent) is closes
+    assert _closes_gap({"before": 100.0, "after": after, "interval": interval}, bent) is closes
 
 
 @pytest.mark.parametrize(
@@ -334,7 +337,7 @@ def test_a_size_at_an_end_of_what_it_may_be_is_more_than_is_known(
     parameters = {"torsional_stiffness": inner, "torsional_damping": estimate}
     cause = {"effect": "joint_damping", "joint": 2, "parameters": parameters}
     other = {"effect": "joint_damping", "joint": 1, "parameters": {"torsional_damping": inner}}
-    assert outsized({"verdict": verdict, "causes": [cause, other]}) == says
+    assert is_at_bound({"verdict": verdict, "causes": [cause, other]}) == says
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,8 @@ from test_shooting import EFFECTS, shooting
 
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.diagnosis.inference import multiple_shooting as shootings
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
-from hdagen.diagnosis.search.null_model import first_look
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.search.null_model import fit_null_model
 from hdagen.support import parallel
 
 Builder = Callable[..., Compiled]
@@ -34,11 +34,18 @@ def test_a_fit_is_the_same_to_the_bit_with_one_thread_and_two(build: Builder, mo
     record = shooting(build, "native").record
     found = []
     for threads in (1, 2, 2):
-        monkeypatch.setattr(parallel, "THREADS", threads)
-        monkeypatch.setattr(shootings, "THREADS", threads)
-        words, fit = first_look(Shooting(Arm(build(FLEXIBLE, "native", EFFECTS).folder), record))
-        found.append((fit.score.evidence, fit.reached, fit.design.point.p.tobytes(), fit.design.columns.tobytes()))
-        assert words.share == fit.design.words.share
+        monkeypatch.setattr(parallel, "THREAD_COUNT", threads)
+        monkeypatch.setattr(shootings, "THREAD_COUNT", threads)
+        words, fit = fit_null_model(MultipleShooting(Arm(build(FLEXIBLE, "native", EFFECTS).folder), record))
+        found.append(
+            (
+                fit.score.evidence,
+                fit.evidence_here,
+                fit.sensitivities.point.p.tobytes(),
+                fit.sensitivities.columns.tobytes(),
+            )
+        )
+        assert words.spike_scale == fit.sensitivities.candidates.spike_scale
     assert found[0] == found[1] == found[2]
 
 

@@ -9,34 +9,47 @@ import numpy as np
 import pytest
 
 from hdagen.diagnosis.inference import local_fit
-from hdagen.diagnosis.inference.batch_evidence import Bundle
-from hdagen.diagnosis.inference.candidate_priors import Atom, Column, Dictionary
-from hdagen.diagnosis.inference.gauss_newton import ENOUGH
-from hdagen.diagnosis.inference.linear_gaussian import Gram, Linear, Reduced
-from hdagen.diagnosis.inference.local_fit import STIFF, Fitted, advanced
-from hdagen.diagnosis.inference.marginal_likelihood import TORQUES, laplace, posteriors, settled
+from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
+from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
+from hdagen.diagnosis.inference.gauss_newton import LEAST_EVIDENCE_STEP
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel, NormalEquations
+from hdagen.diagnosis.inference.local_fit import STIFF_TORQUE_SHARE, Fit, advance_fit
+from hdagen.diagnosis.inference.marginal_likelihood import (
+    TORQUE_GRID,
+    apply_laplace,
+    compute_posteriors,
+    solve_with_scales,
+)
 from hdagen.diagnosis.search import hypothesis_search, multistart
-from hdagen.diagnosis.search.fit_order import DEAR, first_whole
-from hdagen.diagnosis.search.hypothesis_search import CLOSE, FAINTLY, OUTDONE, WORTH, _deserved, _promising, _race
+from hdagen.diagnosis.search.fit_order import EFFECT_PENALTY, first_with_columns
+from hdagen.diagnosis.search.hypothesis_search import (
+    CLOSE_CALL_MARGIN,
+    LEAST_EVIDENCE_GAIN,
+    LEAST_PROMISE_SHARE,
+    OUTDONE_RATIO,
+    _drop_undeserved,
+    _run_race,
+    _start_promising,
+)
 
 
-def shaken(s: float) -> Linear:
+def shaken(s: float) -> LinearModel:
     """Windows of noise and of torques of size ``s``, which no parameter tells."""
     rng = np.random.default_rng(11)
     m, k, many, rows, windows = 2, 8, 3, 60, 40
     blocks = [rng.normal(size=(rows, m + k + many)) for _ in range(windows)]
     left = [rng.normal(size=rows) + b[:, m : m + k] @ (s * rng.normal(size=k)) for b in blocks]
-    gram = Gram(np.stack([b.T @ b for b in blocks]), m, k)
+    gram = CrossProducts(np.stack([b.T @ b for b in blocks]), m, k)
     z = np.stack([b.T @ r for b, r in zip(blocks, left, strict=True)])
-    return Linear(gram, z, np.array([r @ r for r in left]), np.full(windows, rows), np.zeros(many))
+    return LinearModel(gram, z, np.array([r @ r for r in left]), np.full(windows, rows), np.zeros(many))
 
 
 @pytest.mark.parametrize("near", [0.0, 1e-3, 0.1, 3.0, 100.0])
 @pytest.mark.parametrize("true", [0.0, 0.3, 1.7])
 def test_the_size_of_unexplained_torque_is_found_from_anywhere(true: float, near: float) -> None:
     linear, spike = shaken(true), np.full(3, 0.1)
-    best = max(posteriors(linear, spike, near), key=lambda one: one.evidence)
-    exact = max((settled(linear, spike, s) for s in TORQUES), key=lambda one: one.evidence)
+    best = max(compute_posteriors(linear, spike, near), key=lambda one: one.evidence)
+    exact = max((solve_with_scales(linear, spike, s) for s in TORQUE_GRID), key=lambda one: one.evidence)
     assert best.evidence == pytest.approx(exact.evidence, abs=1e-9)
     assert best.s == pytest.approx(true, rel=0.3, abs=0.05)
 
@@ -49,9 +62,9 @@ def test_many_residuals_at_once_are_each_as_alone(s: float, temperature: float) 
     theta, spikes = rng.normal(size=(count, 3)), rng.uniform(0.01, 2.0, (count, 3))
     loud = np.where(rng.random((count, 40)) < 0.2, rng.uniform(1.0, 100.0, (count, 40)), 1.0)
     z, r2 = np.sqrt(loud)[..., None] * alone.z, loud * alone.r2
-    found = Bundle(alone.gram, z, r2, alone.rows, theta, temperature).evidences(s, spikes)
+    found = ResidualBatch(alone.cross_products, z, r2, alone.rows, theta, temperature).log_evidences(s, spikes)
     each = [
-        settled(Linear(alone.gram, *own, temperature), spike, s).evidence
+        solve_with_scales(LinearModel(alone.cross_products, *own, temperature), spike, s).evidence
         for *own, spike in zip(z, r2, np.tile(alone.rows, (count, 1)), theta, spikes, strict=True)
     ]
     np.testing.assert_allclose(found, each, rtol=1e-9)
@@ -60,24 +73,38 @@ def test_many_residuals_at_once_are_each_as_alone(s: float, temperature: float) 
 
 def fit(evidence: float, ahead: float = 0.0, level: float = 1.0, **more: Any) -> Any:
     """A fit that stands at ``evidence``, of which it has not yet reached ``ahead``, with windows at ``level``."""
-    score = SimpleNamespace(evidence=evidence, at=SimpleNamespace(s=0.5, level=level))
-    at: Any = more.pop("design", SimpleNamespace(shooting=None, gram=Gram(np.zeros((1, 1, 1)), 0, 0)))
-    return Fitted((1,), at, score, np.zeros(1), evidence, ahead, **more)  # type: ignore[arg-type]
+    score = SimpleNamespace(evidence=evidence, posterior=SimpleNamespace(s=0.5, noise_level=level))
+    at: Any = more.pop(
+        "design", SimpleNamespace(shooting=None, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
+    )
+    return Fit((1,), at, score, np.zeros(1), evidence, ahead, **more)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     ("ahead", "level", "ends", "found", "tried"),
     [
-        (0.5, 1.0, {STIFF: -90.0, 1.0: -85.0}, -90.0, [STIFF]),  # the first that is better
-        (0.5, 1.0, {STIFF: -103.0, 1.0: -95.0}, -95.0, [STIFF, 1.0]),
-        (0.5, 1.0, {STIFF: -103.0, 1.0: -101.0}, -100.0, [STIFF, 1.0]),
-        (0.5, 1.0, {STIFF: None, 1.0: None}, -100.0, [STIFF, 1.0]),
-        (0.5, 1.0, {STIFF: -99.99, 1.0: -95.0}, -95.0, [STIFF, 1.0]),  # a little is no reason to stand
-        (0.5, 9.0, {STIFF: -90.0, 1.0: -95.0}, -95.0, [1.0]),  # where the log leaves many times its noise
-        (0.5, 9.0, {STIFF: -90.0, 1.0: -105.0}, -90.0, [1.0, STIFF]),
-        (40.0, 1.0, {STIFF: -130.0, 1.0: -145.0}, -130.0, [STIFF, 1.0]),  # better than what was reached
-        (40.0, 1.0, {STIFF: -141.0, 1.0: -145.0}, -100.0, [STIFF, 1.0]),
-        (0.05, 1.0, {STIFF: -90.0, 1.0: -85.0}, -100.0, []),  # its own linear model promises no more
+        (0.5, 1.0, {STIFF_TORQUE_SHARE: -90.0, 1.0: -85.0}, -90.0, [STIFF_TORQUE_SHARE]),  # the first that is better
+        (0.5, 1.0, {STIFF_TORQUE_SHARE: -103.0, 1.0: -95.0}, -95.0, [STIFF_TORQUE_SHARE, 1.0]),
+        (0.5, 1.0, {STIFF_TORQUE_SHARE: -103.0, 1.0: -101.0}, -100.0, [STIFF_TORQUE_SHARE, 1.0]),
+        (0.5, 1.0, {STIFF_TORQUE_SHARE: None, 1.0: None}, -100.0, [STIFF_TORQUE_SHARE, 1.0]),
+        (
+            0.5,
+            1.0,
+            {STIFF_TORQUE_SHARE: -99.99, 1.0: -95.0},
+            -95.0,
+            [STIFF_TORQUE_SHARE, 1.0],
+        ),  # a little is no reason to stand
+        (0.5, 9.0, {STIFF_TORQUE_SHARE: -90.0, 1.0: -95.0}, -95.0, [1.0]),  # where the log leaves many times its noise
+        (0.5, 9.0, {STIFF_TORQUE_SHARE: -90.0, 1.0: -105.0}, -90.0, [1.0, STIFF_TORQUE_SHARE]),
+        (
+            40.0,
+            1.0,
+            {STIFF_TORQUE_SHARE: -130.0, 1.0: -145.0},
+            -130.0,
+            [STIFF_TORQUE_SHARE, 1.0],
+        ),  # better than what was reached
+        (40.0, 1.0, {STIFF_TORQUE_SHARE: -141.0, 1.0: -145.0}, -100.0, [STIFF_TORQUE_SHARE, 1.0]),
+        (0.05, 1.0, {STIFF_TORQUE_SHARE: -90.0, 1.0: -85.0}, -100.0, []),  # its own linear model promises no more
     ],
 )
 def test_a_step_is_kept_that_beats_what_was_reached(
@@ -88,41 +115,43 @@ def test_a_step_is_kept_that_beats_what_was_reached(
     found: float,
     tried: list[float],
 ) -> None:
-    at = SimpleNamespace(shooting=None, gram=Gram(np.zeros((1, 1, 1)), 0, 0))
+    at = SimpleNamespace(shooting=None, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
     begun, shares = fit(-100.0, ahead, level, design=at), []
 
     def descend(design: Any, atoms: Any, score: Any, share: float) -> Any:
         shares.append(share)
         end = ends[share]
         return (
-            at if end is None else SimpleNamespace(end=end, gram=Gram(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=end)
+            at
+            if end is None
+            else SimpleNamespace(end=end, gram=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=end)
         )
 
-    monkeypatch.setattr(local_fit, "descend", descend)
-    monkeypatch.setattr(local_fit, "_there", lambda shooting, words, atoms, point, near, clean: fit(point))
-    moved = advanced(begun, None)  # type: ignore[arg-type]
+    monkeypatch.setattr(local_fit, "descend_gauss_newton", descend)
+    monkeypatch.setattr(local_fit, "_linearize_at", lambda shooting, words, atoms, point, near, clean: fit(point))
+    moved = advance_fit(begun, None)  # type: ignore[arg-type]
     assert moved.score.evidence == found and shares == tried
-    assert moved.stands == (found == -100.0)
-    assert advanced(fit(-100.0, stands=True), None).score.evidence == -100.0  # type: ignore[arg-type]
+    assert moved.has_converged == (found == -100.0)
+    assert advance_fit(fit(-100.0, stands=True), None).score.evidence == -100.0  # type: ignore[arg-type]
 
 
 def test_a_fit_that_hardly_gets_better_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    there: Any = SimpleNamespace(gram=Gram(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=0)
-    monkeypatch.setattr(local_fit, "descend", lambda *given: there)
-    for gain in (0.5 * ENOUGH, 2 * ENOUGH):
-        monkeypatch.setattr(local_fit, "_there", lambda *given, end=-100.0 + gain: fit(end))
-        assert advanced(fit(-100.0, 0.5), None).stands == (gain < ENOUGH)  # type: ignore[arg-type]
+    there: Any = SimpleNamespace(cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=0)
+    monkeypatch.setattr(local_fit, "descend_gauss_newton", lambda *given: there)
+    for gain in (0.5 * LEAST_EVIDENCE_STEP, 2 * LEAST_EVIDENCE_STEP):
+        monkeypatch.setattr(local_fit, "_linearize_at", lambda *given, end=-100.0 + gain: fit(end))
+        assert advance_fit(fit(-100.0, 0.5), None).has_converged == (gain < LEAST_EVIDENCE_STEP)  # type: ignore[arg-type]
 
 
 def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """A step may end where a linear model promises much that the steps after it do not come to."""
     way = iter([(-95.0, 3.0), (-40.0, 200.0), (-60.0, 190.0)])
-    monkeypatch.setattr(hypothesis_search, "advanced", lambda one, words: fit(*next(way)))
-    found = hypothesis_search._on(fit(-100.0, 1.0), None, 3, 1.0)  # type: ignore[arg-type]
-    assert (found.score.evidence, found.reached) == (-95.0, -98.0)
+    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: fit(*next(way)))
+    found = hypothesis_search._continue_fit(fit(-100.0, 1.0), None, 3, 1.0)  # type: ignore[arg-type]
+    assert (found.score.evidence, found.evidence_here) == (-95.0, -98.0)
     realised = iter([(-40.0, 200.0), (-41.0, 10.0), (-41.0, 0.5), (-41.0, 0.5)])
-    monkeypatch.setattr(hypothesis_search, "advanced", lambda one, words: fit(*next(realised)))
-    assert hypothesis_search._on(fit(-100.0), None, 8, 1.0).reached == -41.5  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: fit(*next(realised)))
+    assert hypothesis_search._continue_fit(fit(-100.0), None, 8, 1.0).evidence_here == -41.5  # type: ignore[arg-type]
 
 
 class Runner(SimpleNamespace):
@@ -141,7 +170,11 @@ def runners(ends: dict[str, float]) -> Any:
 
 @pytest.mark.parametrize(
     ("lead", "other", "rounds"),
-    [(4.5 * CLOSE, 1.6 * CLOSE, 3), (4.5 * CLOSE, 1.4 * CLOSE, 1), (1.2 * CLOSE, 0.3 * CLOSE, 3)],
+    [
+        (4.5 * CLOSE_CALL_MARGIN, 1.6 * CLOSE_CALL_MARGIN, 3),
+        (4.5 * CLOSE_CALL_MARGIN, 1.4 * CLOSE_CALL_MARGIN, 1),
+        (1.2 * CLOSE_CALL_MARGIN, 0.3 * CLOSE_CALL_MARGIN, 3),
+    ],
 )
 def test_who_trails_by_little_is_fitted_to_the_end(
     monkeypatch: pytest.MonkeyPatch, lead: float, other: float, rounds: int
@@ -153,41 +186,52 @@ def test_who_trails_by_little_is_fitted_to_the_end(
         fitted.append(one.names)
         return one
 
-    monkeypatch.setattr(hypothesis_search, "_further", further)
+    monkeypatch.setattr(hypothesis_search, "_advance_with_report", further)
     ends = {"": 0.0, "leading": lead, "other": other}
-    monkeypatch.setattr(hypothesis_search, "_outdone", lambda none, lead: False)
-    found = _race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_search, "_is_outdone", lambda none, lead: False)
+    found = _run_race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", "other", ""]
     assert fitted.count("other") == rounds
 
 
 def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
-    monkeypatch.setattr(hypothesis_search, "_further", lambda words, say, when, one: fitted.append(one.names) or one)
-    ends = {"": 0.0, "leading": 30 * CLOSE, "some": 4 * CLOSE, "faint": 2 * CLOSE}
-    monkeypatch.setattr(hypothesis_search, "_outdone", lambda none, lead: False)
-    found = _race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(
+        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+    )
+    ends = {"": 0.0, "leading": 30 * CLOSE_CALL_MARGIN, "some": 4 * CLOSE_CALL_MARGIN, "faint": 2 * CLOSE_CALL_MARGIN}
+    monkeypatch.setattr(hypothesis_search, "_is_outdone", lambda none, lead: False)
+    found = _run_race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
     assert set(fitted) == {"", "leading", "some"}
     assert [f.names for f in found] == ["leading", "some", "faint", ""]
 
 
 def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     most = 100.0
-    gains = {"leading": most, "some": 1.1 * FAINTLY * most, "faint": 0.9 * FAINTLY * most}
-    words: Any = SimpleNamespace(atoms=[SimpleNamespace(name=name) for name in gains], fits=lambda *given: True)
+    gains = {"leading": most, "some": 1.1 * LEAST_PROMISE_SHARE * most, "faint": 0.9 * LEAST_PROMISE_SHARE * most}
+    words: Any = SimpleNamespace(members=[SimpleNamespace(name=name) for name in gains], fits=lambda *given: True)
     at: Any = SimpleNamespace(shooting=SimpleNamespace(arm=None))
-    scored: Any = [SimpleNamespace(atoms=(), evidence=-7.0, at=SimpleNamespace(s=0.1))]
-    scored += [SimpleNamespace(atoms=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
-    monkeypatch.setattr(hypothesis_search, "begun", lambda at, words, atoms, near, start: atoms)
-    assert gains["faint"] > WORTH
-    assert _promising(at, words, scored, {}, (), 9, WORTH) == [(0,), (1,)]  # type: ignore[comparison-overlap]
+    scored: Any = [SimpleNamespace(effects=(), evidence=-7.0, posterior=SimpleNamespace(s=0.1))]
+    scored += [SimpleNamespace(effects=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
+    monkeypatch.setattr(hypothesis_search, "start_fit", lambda at, words, atoms, near, start: atoms)
+    assert gains["faint"] > LEAST_EVIDENCE_GAIN
+    assert _start_promising(at, words, scored, {}, (), 9, LEAST_EVIDENCE_GAIN) == [(0,), (1,)]  # type: ignore[comparison-overlap]
 
 
 def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
-    monkeypatch.setattr(hypothesis_search, "_further", lambda words, say, when, one: fitted.append(one.names) or one)
-    field = runners({"ab": 10 * CLOSE, "abc": 9.9 * CLOSE, "a": 9.8 * CLOSE, "b": 9.7 * CLOSE})
-    _race(field, None, (1, 1), lambda word: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(
+        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+    )
+    field = runners(
+        {
+            "ab": 10 * CLOSE_CALL_MARGIN,
+            "abc": 9.9 * CLOSE_CALL_MARGIN,
+            "a": 9.8 * CLOSE_CALL_MARGIN,
+            "b": 9.7 * CLOSE_CALL_MARGIN,
+        }
+    )
+    _run_race(field, None, (1, 1), lambda word: None)  # type: ignore[arg-type]
     assert {name: fitted.count(name) for name in ("ab", "abc", "a", "b")} == {"ab": 2, "abc": 2, "a": 2, "b": 1}
 
 
@@ -199,21 +243,23 @@ def test_a_set_leads_only_if_it_is_ahead_by_more_than_the_prior_takes(ahead: flo
         def bare(self) -> Any:
             return Runner(**vars(self), whole=False)
 
-    ends = {"ab": ahead * DEAR, "a": 0.0, "": -100.0}
+    ends = {"ab": ahead * EFFECT_PENALTY, "a": 0.0, "": -100.0}
     field: Any = [Whole(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()]
-    found = _deserved(field)
+    found = _drop_undeserved(field)
     assert [f.names for f in found] == list(ends)  # none is lost
-    assert first_whole(found).names == leads
+    assert first_with_columns(found).names == leads
 
 
-@pytest.mark.parametrize(("lacks", "rounds"), [(0.9 * OUTDONE, 3), (1.1 * OUTDONE, 0)])
+@pytest.mark.parametrize(("lacks", "rounds"), [(0.9 * OUTDONE_RATIO, 3), (1.1 * OUTDONE_RATIO, 0)])
 def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_the_best_has_reached(
     monkeypatch: pytest.MonkeyPatch, lacks: float, rounds: int
 ) -> None:
     fitted: list[str] = []
-    monkeypatch.setattr(hypothesis_search, "_further", lambda words, say, when, one: fitted.append(one.names) or one)
+    monkeypatch.setattr(
+        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+    )
     field = runners({"": -2000.0 * lacks, "leading": -2000.0})
-    found = _race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    found = _run_race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", ""]
     assert fitted.count("leading") == 3 and fitted.count("") == rounds
 
@@ -225,34 +271,36 @@ def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:
     parameters = SimpleNamespace(described=dict.fromkeys(names, q), within=np.array, place=names.index)
     arm = SimpleNamespace(parameters=parameters)
     atoms = (
-        Atom("gravity_tilt", 0, "link", ("tilt_x", "tilt_y"), {}, True),
-        Atom("torque_ripple", 1, "motor", ("ripple_sine_1", "ripple_cosine_1"), {"ripple_order_1": 2.0}, True),
+        Candidate("gravity_tilt", 0, "link", ("tilt_x", "tilt_y"), {}, True),
+        Candidate("torque_ripple", 1, "motor", ("ripple_sine_1", "ripple_cosine_1"), {"ripple_order_1": 2.0}, True),
     )
     columns = tuple(Column(name, k, 0.0, 1.0, 0.05, k // 2, False) for k, name in enumerate(names[:4]))
-    words = Dictionary(atoms, columns)
+    words = CandidateSet(atoms, columns)
     at: Any = SimpleNamespace(
-        shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(5), begun=np.zeros((1, 2))), words=words
+        shooting=SimpleNamespace(arm=arm),
+        point=SimpleNamespace(p=np.zeros(5), initial_states=np.zeros((1, 2))),
+        candidates=words,
     )
-    tried = [point.p[:2] for point in multistart._displaced(at, words, 0, atoms[0])]
+    tried = [point.p[:2] for point in multistart._displace_candidate(at, words, 0, atoms[0])]
     assert {tuple(np.sign(p)) for p in tried} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
-    assert max(np.abs(p).max() for p in tried) == max(multistart.SIZES)
-    assert not multistart._displaced(at, words, 1, atoms[1])
+    assert max(np.abs(p).max() for p in tried) == max(multistart.SCANNED_SIZES)
+    assert not multistart._displace_candidate(at, words, 1, atoms[1])
 
 
 def test_what_rounding_leaves_is_no_evidence() -> None:
     """Columns that flew apart by 10¹² noises cancel to nothing, or to less: that must not beat an honest fit."""
     linear = shaken(0.3)
-    honest = settled(linear, np.full(3, 0.1), 0.3)
+    honest = solve_with_scales(linear, np.full(3, 0.1), 0.3)
     rng = np.random.default_rng(3)
     wild = np.stack([a.T @ a for a in rng.normal(size=(40, 60, 3)) * [1e12, 1e12, 1.0]])
     theta = np.array([1e3, -1e3, 0.0])
     b = wild @ theta
-    reduced = Reduced(wild, b, b @ theta * (1.0 - 1e-15), 0.0, np.full(40, 58))
+    reduced = NormalEquations(wild, b, b @ theta * (1.0 - 1e-15), 0.0, np.full(40, 58))
     assert reduced.chi2(theta).min() > 1e12
     for bounds in (None, (np.full(3, -1.0), np.full(3, 1.0))):
-        assert laplace(reduced.summed(np.ones(40)), np.full(3, 1e6), 0.3, np.ones(40), bounds, 1.0).evidence < min(
-            honest.evidence, -1e12
-        )
+        assert apply_laplace(
+            reduced.sum_windows(np.ones(40)), np.full(3, 1e6), 0.3, np.ones(40), bounds, 1.0
+        ).evidence < min(honest.evidence, -1e12)
 
 
 @pytest.mark.parametrize(
@@ -269,12 +317,12 @@ def test_what_begins_where_the_lead_stands_ends_where_it_does_not_come_close(
     monkeypatch: pytest.MonkeyPatch, steps: list[float], close: bool
 ) -> None:
     def runner(evidence: float) -> Any:
-        score, given_up = SimpleNamespace(evidence=CLOSE * evidence), SimpleNamespace(whole=False)
+        score, given_up = SimpleNamespace(evidence=CLOSE_CALL_MARGIN * evidence), SimpleNamespace(whole=False)
         given = {"names": ("one",), "excess": 1.0, "whole": True, "bare": lambda: given_up}
         return SimpleNamespace(atoms=(0,), score=score, reached=score.evidence, **given)
 
     walk = [runner(step) for step in steps]
-    monkeypatch.setattr(hypothesis_search, "_further", lambda words, say, when, one: walk.pop(0))
+    monkeypatch.setattr(hypothesis_search, "_advance_with_report", lambda words, say, when, one: walk.pop(0))
     begin: Any = (lambda lead, words, atoms: runner(-4.0), (0,))
-    found = hypothesis_search._from(runner(0.0), None, lambda word: None, begin)  # type: ignore[arg-type]
-    assert found.whole == close and not walk
+    found = hypothesis_search._fit_from_leader(runner(0.0), None, lambda word: None, begin)  # type: ignore[arg-type]
+    assert found.has_columns == close and not walk

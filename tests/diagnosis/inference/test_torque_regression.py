@@ -11,17 +11,17 @@ from replayed import FLEXIBLE, simulated
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.split import Portion
-from hdagen.diagnosis.data.windows import record
-from hdagen.diagnosis.inference.candidate_priors import Dictionary
-from hdagen.diagnosis.inference.multiple_shooting import Shooting
-from hdagen.diagnosis.initialization.candidate_list import dictionary
-from hdagen.diagnosis.initialization.initial_guess import suggested
-from hdagen.diagnosis.initialization.torque_regression import MOST, Regression
-from hdagen.diagnosis.search.fit_order import best_first
-from hdagen.diagnosis.search.hypothesis_search import search
-from hdagen.diagnosis.search.null_model import first_look
-from hdagen.log.column_map import commanded
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.data.windows import cut_windows
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.initialization.candidate_list import build_candidates
+from hdagen.diagnosis.initialization.initial_guess import guess_from_log
+from hdagen.diagnosis.initialization.torque_regression import LARGEST_REGRESSED_SET, TorqueRegression
+from hdagen.diagnosis.search.fit_order import sort_by_evidence
+from hdagen.diagnosis.search.hypothesis_search import search_effects
+from hdagen.diagnosis.search.null_model import fit_null_model
+from hdagen.log.column_map import name_command_channel
 from hdagen.log.measured_log import Log
 
 Builder = Callable[..., Compiled]
@@ -55,7 +55,7 @@ def driven(arm: Arm, truth: Mapping[str, float], seconds: float = 6.0, gain: flo
     machine, p, names = arm, arm.p.copy(), list(arm.parameters.described)
     for name, value in truth.items():
         p[names.index(name)] = value
-    machine = arm.at(p)
+    machine = arm.with_parameters(p)
     rng, h = np.random.default_rng(3), 2e-3
     time = h * np.arange(round(seconds / h))
     waves = np.stack([np.sin(2 * np.pi * np.outer(time, (0.4, 1.1)) + rng.uniform(0, 6, 2)).sum(1) for _ in "12"], 1)
@@ -68,19 +68,19 @@ def driven(arm: Arm, truth: Mapping[str, float], seconds: float = 6.0, gain: flo
         u[:2] = gain * (wanted[k] - q) + 0.03 * gain * (speed[k] - v)
         rows.append([*q, *u[:2]])
         x = machine.rollout(x, u[None], h, exact=True)[-1]
-    names = ["joint_position_1", "joint_position_2", *(commanded(f"motor_torque_{j}") for j in (1, 2))]
+    names = ["joint_position_1", "joint_position_2", *(name_command_channel(f"motor_torque_{j}") for j in (1, 2))]
     return Log(time, dict(zip(names, np.ascontiguousarray(np.array(rows).T), strict=True)), 2, "leg")
 
 
-def regressed(arm: Arm, log: Log) -> tuple[Regression, Dictionary]:
-    seen = record(arm, Portion.whole(log), 0.05)
-    words = dictionary(arm, suggested(arm, seen))
-    found = Regression.of(arm, seen, words)
+def regressed(arm: Arm, log: Log) -> tuple[TorqueRegression, CandidateSet]:
+    seen = cut_windows(arm, LogPortion.all_rows(log), 0.05)
+    words = build_candidates(arm, guess_from_log(arm, seen))
+    found = TorqueRegression.from_record(arm, seen, words)
     assert found is not None
     return found, words
 
 
-def sizes(arm: Arm, words: Dictionary, theta: Array) -> dict[str, float]:
+def sizes(arm: Arm, words: CandidateSet, theta: Array) -> dict[str, float]:
     """The parameters that sizes θ move, by name."""
     names = list(arm.parameters.described)
     return {names[c.index]: c.center + float(t) * c.unit for c, t in zip(words.columns, theta, strict=True) if t}
@@ -93,9 +93,9 @@ def test_frictions_that_the_file_lacks_at_both_joints_are_found_together(
     arm = legs(build, *stated)
     truth = TRUTH if not any(stated) else {"coulomb_friction_1": 2.5, "coulomb_friction_2": 2.0}
     found, words = regressed(arm, driven(arm, truth, gain=40.0 if not any(stated) else 120.0))
-    sets = {words.names(one.atoms): one for one in found.sets()}
+    sets = {words.names_of(one.effects): one for one in found.best_sets()}
     right = tuple(sorted(name.replace("_1", "@1").replace("_2", "@2") for name in truth))
-    assert right in sets and max(map(len, sets)) <= MOST
+    assert right in sets and max(map(len, sets)) <= LARGEST_REGRESSED_SET
     told = sizes(arm, words, sets[right].theta)
     assert told == pytest.approx(truth, rel=0.05)
 
@@ -105,11 +105,11 @@ def test_the_search_ends_with_all_frictions_that_the_file_lacks(build: Builder, 
     arm = legs(build, *stated)
     truth = TRUTH if not any(stated) else {"coulomb_friction_1": 2.5, "coulomb_friction_2": 2.0}
     log = driven(arm, truth, gain=40.0 if not any(stated) else 120.0)
-    shooting = Shooting(arm, record(arm, Portion.whole(log), 0.05))
-    best = best_first(search(shooting, first_look(shooting)[0], lambda word: None).fitted)[0]
+    shooting = MultipleShooting(arm, cut_windows(arm, LogPortion.all_rows(log), 0.05))
+    best = sort_by_evidence(search_effects(shooting, fit_null_model(shooting)[0], lambda word: None).fits)[0]
     assert best.names == tuple(sorted(name.replace("_1", "@1").replace("_2", "@2") for name in truth))
     names = list(arm.parameters.described)
-    fitted = {name: float(best.design.point.p[names.index(name)]) for name in truth}
+    fitted = {name: float(best.sensitivities.point.p[names.index(name)]) for name in truth}
     assert fitted == pytest.approx(truth, rel=0.05)
 
 
@@ -122,7 +122,7 @@ def test_friction_may_be_any_number_of_times_what_the_file_states(build: Builder
 def test_where_nothing_is_missing_no_set_is_proposed(build: Builder) -> None:
     arm = legs(build, 0.1, 0.3)
     found, _ = regressed(arm, driven(arm, {}))
-    assert found.sets() == [] and found.far() == {}
+    assert found.best_sets() == [] and found.distant_effects() == {}
 
 
 def test_regressors_of_friction_are_speed_and_its_sign(build: Builder) -> None:
@@ -144,15 +144,15 @@ def test_regressors_of_friction_are_speed_and_its_sign(build: Builder) -> None:
 def test_too_little_motion_has_no_regression(build: Builder) -> None:
     arm = legs(build)
     still = driven(arm, {"coulomb_friction_1": 500.0, "coulomb_friction_2": 500.0}, 2.0)
-    seen = record(arm, Portion.whole(still), 0.05)
-    assert Regression.of(arm, seen, dictionary(arm, suggested(arm, seen))) is None
+    seen = cut_windows(arm, LogPortion.all_rows(still), 0.05)
+    assert TorqueRegression.from_record(arm, seen, build_candidates(arm, guess_from_log(arm, seen))) is None
 
 
 def test_an_arm_with_two_encoders_a_joint_has_a_balance_on_each_side(build: Builder) -> None:
     arm = Arm(build(FLEXIBLE, effects=("payload",)).folder)
     p, names = arm.p.copy(), list(arm.parameters.described)
     p[names.index("payload_mass_2")] = 1.0
-    found, words = regressed(arm, simulated(arm.at(p), 3.0))
+    found, words = regressed(arm, simulated(arm.with_parameters(p), 3.0))
     assert len(found.counts) == 4
-    k = next(k for k, atom in enumerate(words.atoms) if atom.effect == "payload")
-    assert sizes(arm, words, found.fitted((k,)).theta)["payload_mass_2"] == pytest.approx(1.0, rel=0.1)
+    k = next(k for k, atom in enumerate(words.members) if atom.effect == "payload")
+    assert sizes(arm, words, found.fit_set((k,)).theta)["payload_mass_2"] == pytest.approx(1.0, rel=0.1)

@@ -22,21 +22,27 @@ from replayed import FLEXIBLE, RIGID, simulated
 from gen.effects import ALL
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.split import Portion, blocks
+from hdagen.diagnosis.data.split import LogPortion, mark_holdout_blocks
 from hdagen.diagnosis.decision import separating_experiments
-from hdagen.diagnosis.holdout.unseen_motion import UnseenMotion
-from hdagen.diagnosis.pipeline import BLOCKS
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
+from hdagen.diagnosis.pipeline import BLOCKS_TEXT
 from hdagen.diagnosis.report import report_page
-from hdagen.diagnosis.report.effect_plots import means, pictures
-from hdagen.diagnosis.report.sentences import NEAREST, confounded, sentence
-from hdagen.diagnosis.report.sentences import words as in_words
-from hdagen.diagnosis.residuals.localization import trace, where
-from hdagen.diagnosis.residuals.regressor_tests import LEAST, Regressor, concentrated, explained, periodic
-from hdagen.diagnosis.residuals.residual_torque import Sight, look
-from hdagen.diagnosis.residuals.spectra import Spectra, loudest
-from hdagen.diagnosis.residuals.whiteness import LAGS, whiteness
+from hdagen.diagnosis.report.effect_plots import average_in_bins, draw_effect
+from hdagen.diagnosis.report.sentences import MOST_NAMED_ALTERNATIVES, explain_confounding, write_verdict
+from hdagen.diagnosis.report.sentences import name_effect as in_words
+from hdagen.diagnosis.residuals.localization import localize_gap, trace_residual
+from hdagen.diagnosis.residuals.regressor_tests import (
+    SIGNIFICANCE_LEVEL,
+    Regressor,
+    explain_by_orders,
+    explain_variance,
+    find_concentrations,
+)
+from hdagen.diagnosis.residuals.residual_torque import ResidualTorque, see_residual_torque
+from hdagen.diagnosis.residuals.spectra import Spectra, find_loudest_band
+from hdagen.diagnosis.residuals.whiteness import LJUNG_BOX_LAGS, measure_whiteness
 from hdagen.log.measured_log import Log
-from hdagen.pages.quantity import number
+from hdagen.pages.quantity import format_number
 from hdagen.prediction.window_replay import Replay, replay
 
 Builder = Callable[..., Compiled]
@@ -83,7 +89,10 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         other = ["backlash@2"] if not k else []
         parameters = {name: {"value": v, "std": 0.01 * abs(v), "unit": "1", "end": None} for name, v in values.items()}
         causes.append({"effect": effect, "joint": int(joint), "probability": 0.9, "parameters": parameters})
-        causes[-1] |= {"confounded_with": other, "separate_by": separating_experiments.separate_by(entry, other)}
+        causes[-1] |= {
+            "confounded_with": other,
+            "separate_by": separating_experiments.suggest_experiments(entry, other),
+        }
     return {
         "schema": 1,
         "verdict": verdict,
@@ -118,7 +127,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
             "log": "log.csv",
             "rate": 1e3,
             "duration": 1.0,
-            "held_out": BLOCKS,
+            "held_out": BLOCKS_TEXT,
             "notes": ["a note <b>"],
             "warnings": ["a warning"],
             "repaired": [{"log": "log.csv", "name": "wrap", "joint": 1, "what": "a repair"}],
@@ -135,7 +144,7 @@ def seen(
     seconds: float = 1.5,
     keep: str = ".",
     base: dict[str, float] | None = None,
-) -> tuple[Sight, dict[str, Any], Log, Replay, Replay]:
+) -> tuple[ResidualTorque, dict[str, Any], Log, Replay, Replay]:
     """A log with ``truth`` and ``base`` in it, of the channels that ``keep`` matches, diagnosed as it is."""
     arm.parameters.reset()
     for entry, values in truth.items():
@@ -162,8 +171,8 @@ def seen(
         "shrink": 0.95,
     }
     said["gap"] |= {"interval": [0.9, 0.97], "by_channel": multiples}
-    sight = look(arm, said, log, before, after)
-    said["where"] = where(sight, said, np.ones(len(sight.log), bool))
+    sight = see_residual_torque(arm, said, log, before, after)
+    said["where"] = localize_gap(sight, said, np.ones(len(sight.log), bool))
     return sight, said, log, before, after
 
 
@@ -183,10 +192,10 @@ def test_a_truth_is_where_it_was_put_and_its_balance_closes(arm: Arm, entry: str
     assert [(w["joint"], w["place"], w["share"]) for w in found] == [(int(joint), PLACES[effect], 1.0)]
     assert re.search(regime, found[0]["when"]), found[0]["when"]
     assert "rms" in found[0]["when"] and found[0]["when"].endswith(".")
-    shown = trace(sight, PLACES[effect], max(int(joint), 1), entry)
+    shown = trace_residual(sight, PLACES[effect], max(int(joint), 1), entry)
     assert rms(shown.after) < 0.5 * rms(shown.before)
-    assert np.corrcoef(shown.before - shown.after, shown.adds)[0, 1] > 0.99 or np.ptp(shown.adds) < 1e-3
-    assert rms(shown.before - shown.after - shown.adds) < 0.1 * rms(shown.adds)
+    assert np.corrcoef(shown.before - shown.after, shown.effect_part)[0, 1] > 0.99 or np.ptp(shown.effect_part) < 1e-3
+    assert rms(shown.before - shown.after - shown.effect_part) < 0.1 * rms(shown.effect_part)
 
 
 def test_shares_sum_to_one_and_base_parameters_have_theirs(arm: Arm) -> None:
@@ -221,11 +230,11 @@ def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
     ):
         _, said, log, before, _ = seen(arm, {entry: values})
         said |= {"verdict": ["unknown@2"], "parameters": {}}
-        sight = look(arm, said, log, before, before)
-        (found,) = where(sight, said, np.ones(len(sight.log), bool))
+        sight = see_residual_torque(arm, said, log, before, before)
+        (found,) = localize_gap(sight, said, np.ones(len(sight.log), bool))
         assert (found["joint"], found["place"]) == (2, place)
         assert 0.3 < found["share"] <= 1.0
-        assert pictures(sight, "unknown@2", place)
+        assert draw_effect(sight, "unknown@2", place)
 
 
 @pytest.mark.parametrize(
@@ -239,13 +248,13 @@ def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
 def test_a_picture_tells_how_far_the_effect_is_what_it_shows(arm: Arm, entry: str, values: dict[str, float]) -> None:
     sight, said, log, before, _ = seen(arm, {entry: values}, seconds=3.0)
     (place,) = (one["place"] for one in said["where"])
-    (shown,) = pictures(sight, entry, place)
+    (shown,) = draw_effect(sight, entry, place)
     right = float(re.findall(r"R² = (-?[0-9.]+)", shown)[0])
     assert right > 0.5 and "Warning" not in shown
     nominal = {name: arm.parameters.described[f"{name}_{entry[-1]}"].nominal for name in values}
     quarter = {name: nominal[name] + 0.25 * (value - nominal[name]) for name, value in values.items()}
     said = content(arm, {entry: quarter})
-    (shown,) = pictures(look(arm, said, log, before, replay(arm, log, with_=said)), entry, place)
+    (shown,) = draw_effect(see_residual_torque(arm, said, log, before, replay(arm, log, with_=said)), entry, place)
     assert "Warning: the log shows" in shown
     assert float(re.findall(r"R² = (-?[0-9.]+)", shown)[0]) < right
 
@@ -253,12 +262,12 @@ def test_a_picture_tells_how_far_the_effect_is_what_it_shows(arm: Arm, entry: st
 def test_one_encoder_a_joint_gives_the_balance_of_the_whole_joint(arm: Arm) -> None:
     entry, values = "coulomb_friction@2", {"coulomb_friction": 0.08}
     sight, said, *_ = seen(arm, {entry: values}, keep="motor|force")
-    assert not sight.split
+    assert not sight.has_both_sides
     assert (said["where"][0]["joint"], said["where"][0]["place"]) == (2, "motor")
-    shown = trace(sight, "motor", 2, entry)
+    shown = trace_residual(sight, "motor", 2, entry)
     excess = 0.08 - arm.parameters.described["coulomb_friction_2"].nominal
-    slides = sight.slides(2)[shown.at]
-    direction = sight.direction[shown.at, 1][slides]
+    slides = sight.is_sliding(2)[shown.instants]
+    direction = sight.direction[shown.instants, 1][slides]
     assert -np.mean(shown.before[slides] * direction) == pytest.approx(excess, rel=0.15)
 
 
@@ -266,8 +275,8 @@ def test_a_rigid_arm_has_its_balance(build: Builder, tmp_path: Path) -> None:
     arm = Arm(build(RIGID, effects=("cable_spring",)).folder)
     sight, said, *_ = all_ = seen(arm, {"cable_spring@1": {"cable_stiffness": 3.0, "cable_rest": -1.5}})
     assert (said["where"][0]["joint"], said["where"][0]["place"]) == (1, "link")
-    shown = trace(sight, "link", 1, "cable_spring@1")
-    assert np.corrcoef(shown.before - shown.after, shown.adds)[0, 1] > 0.99
+    shown = trace_residual(sight, "link", 1, "cable_spring@1")
+    assert np.corrcoef(shown.before - shown.after, shown.effect_part)[0, 1] > 0.99
     write(all_, arm, tmp_path / "report.html")
 
 
@@ -286,13 +295,13 @@ def test_the_regressor_that_made_a_quantity_explains_it() -> None:
     quantity = np.sign(speed) + 0.2 * rng.standard_normal(4000)
     given = [Regressor("load", "N m", load, True), Regressor("speed", "rad/s", speed, True)]
     given.append(Regressor("t", "s", time))
-    best = explained(quantity, [*given, Regressor("none", "1", np.ones(4000))])
+    best = explain_variance(quantity, [*given, Regressor("none", "1", np.ones(4000))])
     assert best[0].regressor.name == "speed" and len(best) == 3
     assert best[0].share > 0.8 and best[0].p == pytest.approx(4 / 1000)
     assert all(e.p > 0.05 for e in best[1:])
     energy = np.where(np.abs(load) > np.quantile(np.abs(load), 0.9), 1.0, 0.0)
-    sits = concentrated(energy, given)[0]
-    assert (sits.regressor.name, sits.below) == ("load", False) and sits.p == pytest.approx(3 / 1000)
+    sits = find_concentrations(energy, given)[0]
+    assert (sits.regressor.name, sits.is_below) == ("load", False) and sits.p == pytest.approx(3 / 1000)
     assert sits.share == pytest.approx(0.1 * 4000 / energy.sum(), rel=0.05)
     assert sits.edge == pytest.approx(np.quantile(np.abs(load), 7 / 8), rel=0.05)
 
@@ -302,8 +311,8 @@ def test_a_quantity_that_goes_with_nothing_is_rarely_said_to() -> None:
     for seed in range(60):
         rng = np.random.default_rng(seed)
         tried = [Regressor("x", "1", slow(rng, 2000)) for _ in range(5)]
-        false += min(e.p for e in explained(slow(rng, 2000), tried)) <= 0.05
-        false += min(c.p for c in concentrated(slow(rng, 2000) ** 2, tried)) <= 0.05
+        false += min(e.p for e in explain_variance(slow(rng, 2000), tried)) <= 0.05
+        false += min(c.p for c in find_concentrations(slow(rng, 2000) ** 2, tried)) <= 0.05
     assert false <= 14  # of 120; 6 are expected, and more than 14 have a chance of 1 in 1000
 
 
@@ -312,9 +321,11 @@ def test_samples_that_are_fewer_than_what_is_fitted_tell_nothing() -> None:
     rng = np.random.default_rng(5)
     for count in (2, 3, 8):
         values, angle = rng.standard_normal(count), 7.0 * np.arange(count)
-        assert explained(values, [Regressor("x", "1", angle)]) == []
-        assert periodic(values, angle, [1, 2]) == []
-    shares = [explained(rng.standard_normal(10), [Regressor("x", "1", np.arange(10.0))])[0].share for _ in range(20)]
+        assert explain_variance(values, [Regressor("x", "1", angle)]) == []
+        assert explain_by_orders(values, angle, [1, 2]) == []
+    shares = [
+        explain_variance(rng.standard_normal(10), [Regressor("x", "1", np.arange(10.0))])[0].share for _ in range(20)
+    ]
     assert max(shares) < 0.9  # two bins
 
 
@@ -323,15 +334,15 @@ def test_few_samples_tell_what_they_can(count: int) -> None:
     """As many shifts as samples, none of them twice."""
     x = np.arange(float(count))
     tried = [Regressor("x", "1", x), Regressor("y", "1", (7 * x) % 5)]
-    best = explained(np.where(x >= count // 2, 1.0, -1.0), tried)[0]
+    best = explain_variance(np.where(x >= count // 2, 1.0, -1.0), tried)[0]
     assert best.regressor.name == "x" and best.share > 0.9
     assert 2 / count <= best.p <= (1.0 if count < 65 else 0.05)
-    sits = concentrated(np.where(x > 0.9 * count, 1.0, 0.0), tried)
+    sits = find_concentrations(np.where(x > 0.9 * count, 1.0, 0.0), tried)
     assert [one.regressor.name for one in sits[:1]] == (["x"] if count > 2 else [])
 
 
 def test_energy_that_is_not_there_concentrates_nowhere() -> None:
-    assert concentrated(-np.ones(100), [Regressor("x", "1", np.arange(100.0))]) == []
+    assert find_concentrations(-np.ones(100), [Regressor("x", "1", np.arange(100.0))]) == []
 
 
 # -- whiteness, spectra, means ----------------------------------------------------------------------------------------
@@ -340,39 +351,44 @@ def test_energy_that_is_not_there_concentrates_nowhere() -> None:
 def test_correlations_are_those_of_their_definition_and_the_test_has_its_level() -> None:
     rng = np.random.default_rng(1)
     noise = rng.standard_normal(500)
-    found = whiteness(noise, 40)
+    found = measure_whiteness(noise, 40)
     direct = [noise[k:] @ noise[: len(noise) - k] / (noise @ noise) for k in range(41)]
     np.testing.assert_allclose(found.correlation, direct, atol=1e-12)
-    p = np.array([whiteness(rng.standard_normal(400), LAGS).p for _ in range(300)])
+    p = np.array([measure_whiteness(rng.standard_normal(400), LJUNG_BOX_LAGS).p for _ in range(300)])
     assert 0.02 < np.mean(p < 0.05) < 0.1 and abs(np.mean(p) - 0.5) < 0.06
-    assert whiteness(slow(rng, 500, 5), LAGS).p < 1e-9
+    assert measure_whiteness(slow(rng, 500, 5), LJUNG_BOX_LAGS).p < 1e-9
 
 
 def test_a_spectrum_has_the_density_of_its_noise_and_the_coherence_of_its_source() -> None:
     rng = np.random.default_rng(2)
     source, own = rng.standard_normal((2, 60_000))
-    found, of_source = Spectra.of(2.0 * source + own, 1e-3), Spectra.of(source, 1e-3)
+    found, of_source = Spectra.from_series(2.0 * source + own, 1e-3), Spectra.from_series(source, 1e-3)
     inside = (found.frequency > 5) & (found.frequency < 495)
     assert np.mean(found.density[inside] ** 2) == pytest.approx(2 * 5.0 * 1e-3, rel=0.03)
     assert np.mean(found.coherence(of_source)[inside]) == pytest.approx(0.8, abs=0.02)
-    assert np.mean(Spectra.of(own, 1e-3).coherence(of_source)[inside]) < 0.03
+    assert np.mean(Spectra.from_series(own, 1e-3).coherence(of_source)[inside]) < 0.03
 
 
 def test_the_loudest_octave_and_its_chance_are_those_of_what_is_there() -> None:
     """A sine in noise that follows the source, and one that does not."""
     rng, time = np.random.default_rng(4), np.arange(20_000) / 1e3
     source = rng.standard_normal(20_000)
-    passed = (Spectra.of(source, 1e-3).frequency > 0) & (Spectra.of(source, 1e-3).frequency <= 25.0)
+    passed = (Spectra.from_series(source, 1e-3).frequency > 0) & (Spectra.from_series(source, 1e-3).frequency <= 25.0)
     tone = np.sin(2 * np.pi * 5.0 * time)
     for own, follows in ((source + 3.0 * tone, True), (source, False)):
-        band = loudest(Spectra.of(tone + 0.01 * rng.standard_normal(20_000), 1e-3), Spectra.of(own, 1e-3), passed)
+        band = find_loudest_band(
+            Spectra.from_series(tone + 0.01 * rng.standard_normal(20_000), 1e-3), Spectra.from_series(own, 1e-3), passed
+        )
         assert band is not None and (band.low, band.high) == (4.0, 8.0) and band.share > 0.95
         assert (band.p < 1e-6 and band.coherence > 0.9) if follows else band.p > 0.05
-    assert loudest(Spectra.of(np.zeros(20_000), 1e-3), Spectra.of(source, 1e-3), passed) is None
+    assert (
+        find_loudest_band(Spectra.from_series(np.zeros(20_000), 1e-3), Spectra.from_series(source, 1e-3), passed)
+        is None
+    )
     chances = []
     for _ in range(200):
-        one, other = (Spectra.of(rng.standard_normal(10_000), 1e-3) for _ in range(2))
-        band = loudest(one, other, passed)
+        one, other = (Spectra.from_series(rng.standard_normal(10_000), 1e-3) for _ in range(2))
+        band = find_loudest_band(one, other, passed)
         assert band is not None
         chances.append(band.p)
     assert np.mean(np.array(chances) < 0.05) < 0.06  # never surer than it is
@@ -382,17 +398,20 @@ def test_the_order_of_what_comes_back_with_an_angle_is_found_and_nothing_in_what
     rng = np.random.default_rng(6)
     angle = np.cumsum(0.02 * (1.0 + 0.5 * slow(rng, 6000, 400)))
     quantity = 0.4 * np.cos(3 * angle + 0.7) + 0.1 * slow(rng, 6000)
-    first, *rest = periodic(quantity, angle, range(1, 13))
+    first, *rest = explain_by_orders(quantity, angle, range(1, 13))
     assert first.order == 3 and first.p < 0.02 and first.share == pytest.approx(0.08 / 0.09, abs=0.05)
     assert all(one.share < 0.3 for one in rest)
-    hits = sum(periodic(slow(rng, 2000), np.cumsum(np.full(2000, 0.02)), range(1, 13))[0].p <= LEAST for _ in range(60))
+    hits = sum(
+        explain_by_orders(slow(rng, 2000), np.cumsum(np.full(2000, 0.02)), range(1, 13))[0].p <= SIGNIFICANCE_LEVEL
+        for _ in range(60)
+    )
     assert hits <= 6
-    assert periodic(quantity, 0.001 * angle, range(1, 13)) == []  # no two turns: nothing can come back
+    assert explain_by_orders(quantity, 0.001 * angle, range(1, 13)) == []  # no two turns: nothing can come back
 
 
 def test_means_keep_the_two_sides_of_standstill_apart() -> None:
     x = np.linspace(-1, 2, 20_001)
-    middle, mean = means(x, np.sign(x), split=True)
+    middle, mean = average_in_bins(x, np.sign(x), split=True)
     told = ~np.isnan(mean)
     assert np.array_equal(mean[told], np.sign(middle[told])) and np.isnan(mean[middle == 0]).all()
     assert told.sum() > 30
@@ -405,34 +424,34 @@ def test_any_two_effects_have_an_experiment_that_parts_them() -> None:
     """Of their group, else what shows either, with both by name; asked from the other one's side, too."""
     for pair in combinations(NAMES, 2):
         one, other = (f"{name}@1" for name in pair)
-        said = separating_experiments.separate_by(one, [other])
+        said = separating_experiments.suggest_experiments(one, [other])
         assert said.startswith(f"Against {other}: ") and said.endswith(".")
-        if not any(set(pair) <= group.effects for group in separating_experiments.GROUPS):
-            back = separating_experiments.separate_by(other, [one])
+        if not any(set(pair) <= group.effects for group in separating_experiments.CONFUSED_GROUPS):
+            back = separating_experiments.suggest_experiments(other, [one])
             for name in pair:
-                does, shows = separating_experiments.ALONE[name]
+                does, shows = separating_experiments.EFFECT_EXPERIMENTS[name]
                 told = f"{does} ({name.replace('_', ' ')} {shows})"
                 assert told in said and told in back
-    said = separating_experiments.separate_by("contact@1", ["command_delay@1", "payload@2", "command_delay@2"])
+    said = separating_experiments.suggest_experiments("contact@1", ["command_delay@1", "payload@2", "command_delay@2"])
     assert said.count("Against") == 1 and said.count("command delay") == 1 == said.count("(contact ")
 
 
 def test_each_effect_shows_in_a_way_of_its_own() -> None:
-    assert set(separating_experiments.ALONE) == set(NAMES)
-    assert len({shows for _, shows in separating_experiments.ALONE.values()}) == len(NAMES)
+    assert set(separating_experiments.EFFECT_EXPERIMENTS) == set(NAMES)
+    assert len({shows for _, shows in separating_experiments.EFFECT_EXPERIMENTS.values()}) == len(NAMES)
 
 
 def test_what_is_not_confounded_needs_no_experiment_and_each_stands_once() -> None:
-    assert separating_experiments.separate_by("payload@2", []) == ""
-    said = separating_experiments.separate_by("payload@2", ["torque_constant@1", "torque_constant@2"])
+    assert separating_experiments.suggest_experiments("payload@2", []) == ""
+    said = separating_experiments.suggest_experiments("payload@2", ["torque_constant@1", "torque_constant@2"])
     assert said.count("payload") == 1 and "torque_constant@1, torque_constant@2" in said
-    assert separating_experiments.SAME_KIND in separating_experiments.separate_by(
+    assert separating_experiments.SAME_EFFECT_EXPERIMENT in separating_experiments.suggest_experiments(
         "coulomb_friction@1", ["coulomb_friction@2"]
     )
 
 
 def test_every_effect_of_a_group_exists() -> None:
-    named = set().union(*(group.effects for group in separating_experiments.GROUPS))
+    named = set().union(*(group.effects for group in separating_experiments.CONFUSED_GROUPS))
     assert named <= set(NAMES)
 
 
@@ -440,14 +459,17 @@ def test_every_effect_of_a_group_exists() -> None:
 
 
 def write(
-    all_: tuple[Sight, dict[str, Any], Log, Replay, Replay], arm: Arm, path: Path, again: str = "    hdagen diagnose"
+    all_: tuple[ResidualTorque, dict[str, Any], Log, Replay, Replay],
+    arm: Arm,
+    path: Path,
+    again: str = "    hdagen diagnose",
 ) -> str:
     sight, said, log, before, after = all_
-    held_out = Portion(log, blocks(log.time))
-    seen = UnseenMotion(held_out, lambda _: before, before, before, before)
-    held = SimpleNamespace(content=said, after=after, held_out=seen)
-    held.sight = sight
-    report_page.write(held, path, again)  # type: ignore[arg-type]
+    held_out = LogPortion(log, mark_holdout_blocks(log.time))
+    seen = HoldoutMotion(held_out, lambda _: before, before, before, before)
+    held = SimpleNamespace(content=said, after=after, holdout=seen)
+    held.residual_torque = sight
+    report_page.write_report(held, path, again)  # type: ignore[arg-type]
     return path.read_text(encoding="utf-8")
 
 
@@ -492,9 +514,9 @@ def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) ->
     parts = {"measured": log, "model before": before.columns, "model after": after.columns}
     for label, columns in parts.items():  # each signal, by the numbers beneath its figure
         row = page.split(f">motor position · {label}</th>")[1].split("</tr>")[0]
-        assert number(float(np.max(columns["motor_position_1"]))) in row
+        assert format_number(float(np.max(columns["motor_position_1"]))) in row
     assert "a note &lt;b&gt;" in page
-    assert "[90, 97]" in sentence(json.loads(json.dumps(seen(arm, {})[1]))) and len(page) < 5_000_000
+    assert "[90, 97]" in write_verdict(json.loads(json.dumps(seen(arm, {})[1]))) and len(page) < 5_000_000
 
 
 def test_only_what_long_windows_told_says_so(arm: Arm, tmp_path: Path) -> None:
@@ -510,7 +532,7 @@ def test_a_report_without_a_verdict_says_so_and_shows_what_is_left(arm: Arm, tmp
     assert "No effect above the size that counts was found" in page and "by what it goes with" in page
     assert "On held-out motion the gap goes from" in page
     mass = {"mass_1": {"value": 1.0, "std": 0.1, "unit": "kg", "end": None}}
-    assert "Base parameters within their tolerance take the gap on held-out motion from" in sentence(
+    assert "Base parameters within their tolerance take the gap on held-out motion from" in write_verdict(
         none[1] | {"parameters": mass}
     )
 
@@ -530,8 +552,8 @@ def test_a_report_without_a_verdict_says_so_and_shows_what_is_left(arm: Arm, tmp
 )
 def test_what_did_not_stand_on_held_out_motion_is_said(arm: Arm, verdict: list[str], says: str) -> None:
     said = seen(arm, {})[1] | {"verdict": ["unknown@2"], "sure": False}
-    assert sentence(said).startswith("Joint 2 misses something that no known effect explains; this is not sure.")
-    doubted = sentence(said | {"doubted": {"verdict": verdict, "joint": 2, "left": 0.95}})
+    assert write_verdict(said).startswith("Joint 2 misses something that no known effect explains; this is not sure.")
+    doubted = write_verdict(said | {"doubted": {"verdict": verdict, "joint": 2, "left": 0.95}})
     assert doubted.startswith(f"Joint 2 misses something that no known effect explains{says}")
 
 
@@ -540,8 +562,8 @@ def test_what_is_sure_beside_something_unknown_is_said_and_has_its_place(arm: Ar
     sight, said, log, before, after = seen(arm, {named: {"sensor_delay": 4e-3}})
     read_off = {"effect": "sensor_delay", "joint": 2, "parameters": {"sensor_delay": 4e-3}, "left": 0.07}
     said |= {"verdict": [named, "unknown@2"], "sure": False, "alone": [read_off]}
-    assert sentence(said).startswith("Sensor delay on joint 2 is missing in the model (probability 0.90")
-    said["where"] = where(sight, said, np.ones(len(sight.log), bool))
+    assert write_verdict(said).startswith("Sensor delay on joint 2 is missing in the model (probability 0.90")
+    said["where"] = localize_gap(sight, said, np.ones(len(sight.log), bool))
     assert [(w["joint"], w["place"]) for w in said["where"][:2]] == [(2, "sensor"), (2, "motor")]
     page = write((sight, said, log, before, after), arm, tmp_path / "page.html")
     assert "is missing in the model" in page and "What commands and encoders show by themselves" in page
@@ -549,12 +571,12 @@ def test_what_is_sure_beside_something_unknown_is_said_and_has_its_place(arm: Ar
 
 def test_a_parameter_at_the_end_of_its_range_is_said(arm: Arm, tmp_path: Path) -> None:
     all_ = seen(arm, {"payload@2": {"payload_mass": 1.2}})
-    assert "the end of" not in sentence(all_[1]) and "at the end of its range" not in write(
+    assert "the end of" not in write_verdict(all_[1]) and "at the end of its range" not in write(
         all_, arm, tmp_path / "1.html"
     )
     all_[1]["causes"][0]["parameters"]["payload_mass"]["end"] = "high"
     said = "At the end of what it may be: payload mass of payload on joint 2, 1.2. There may be more of it"
-    assert said in sentence(all_[1]) and "at the end of its range" in write(all_, arm, tmp_path / "2.html")
+    assert said in write_verdict(all_[1]) and "at the end of its range" in write(all_, arm, tmp_path / "2.html")
 
 
 def test_what_is_tolerated_and_closes_more_is_shown(arm: Arm, tmp_path: Path) -> None:
@@ -565,8 +587,10 @@ def test_what_is_tolerated_and_closes_more_is_shown(arm: Arm, tmp_path: Path) ->
     page = write(all_, arm, tmp_path / "report.html")
     assert "Within tolerance, and not named" in page and "tilt_x 0.0306 m/s²" in page and "15.2" in page
     said = {**all_[1], "gap": {**all_[1]["gap"], "after": 40.0}}
-    assert sentence(said).endswith("Within what is tolerated, gravity tilt of the whole arm would bring it to 15.2.")
-    assert "tolerated" not in sentence({**said, "gap": {**said["gap"], "after": 16.0}})
+    assert write_verdict(said).endswith(
+        "Within what is tolerated, gravity tilt of the whole arm would bring it to 15.2."
+    )
+    assert "tolerated" not in write_verdict({**said, "gap": {**said["gap"], "after": 16.0}})
 
 
 def test_a_parameter_that_the_data_say_nothing_of_is_marked(arm: Arm, tmp_path: Path) -> None:
@@ -600,15 +624,17 @@ def test_the_page_is_silent_and_asks_for_nothing(arm: Arm, tmp_path: Path) -> No
             assert tab.messages == [] and tab.requests == [path.as_uri()]
 
 
-@pytest.mark.parametrize("count", [1, NEAREST, NEAREST + 1, 28])
+@pytest.mark.parametrize("count", [1, MOST_NAMED_ALTERNATIVES, MOST_NAMED_ALTERNATIVES + 1, 28])
 def test_of_what_an_effect_may_also_be_the_nearest_are_named(count: int) -> None:
     others = [f"{effect.name}@1" for effect in ALL][:count]
     cause = {"effect": "sensor_delay", "joint": 2, "probability": 0.6, "confounded_with": others, "separate_by": "-"}
-    said = confounded({"verdict": ["sensor_delay@2"], "causes": [cause], "unseen": []})
+    said = explain_confounding({"verdict": ["sensor_delay@2"], "causes": [cause], "unseen": []})
     first = said.split("may also be ")[1].split(". ")[0]
-    assert [o for o in others if in_words(o) in re.split(", (?!or one of)|, or", first)] == others[:NEAREST]
-    assert (f"{count - NEAREST} others" in said) == (count > NEAREST)
-    assert separating_experiments.separate_by("sensor_delay@2", others[:NEAREST]) in said
+    assert [o for o in others if in_words(o) in re.split(", (?!or one of)|, or", first)] == others[
+        :MOST_NAMED_ALTERNATIVES
+    ]
+    assert (f"{count - MOST_NAMED_ALTERNATIVES} others" in said) == (count > MOST_NAMED_ALTERNATIVES)
+    assert separating_experiments.suggest_experiments("sensor_delay@2", others[:MOST_NAMED_ALTERNATIVES]) in said
 
 
 def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once() -> None:
@@ -617,11 +643,13 @@ def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once()
         {"effect": name[:-2], "joint": int(name[-1]), "probability": p, "confounded_with": [*{*likely} - {name}]}
         for name, p in likely.items()
     ]
-    said = confounded({"verdict": [], "contradicted": None, "causes": causes, "unseen": []})
+    said = explain_confounding({"verdict": [], "contradicted": None, "causes": causes, "unseen": []})
     for name in ("stribeck friction on joint 1 (0.20)", "presliding friction on joint 1 (0.10)", "payload on joint 2"):
         assert said.count(name) == 1
     assert said.count("Against payload@2: ") == 1 and "contact" not in said
     assert "hdagen excite robot.toml --separate stribeck_friction@1,presliding_friction@1,payload@2\n" in said
     for few in (causes[:1], causes[3:]):
-        assert "excite" not in confounded({"verdict": [], "contradicted": None, "causes": few, "unseen": []})
-    assert "payload" not in confounded({"verdict": [], "contradicted": None, "causes": causes, "unseen": ["payload@2"]})
+        assert "excite" not in explain_confounding({"verdict": [], "contradicted": None, "causes": few, "unseen": []})
+    assert "payload" not in explain_confounding(
+        {"verdict": [], "contradicted": None, "causes": causes, "unseen": ["payload@2"]}
+    )

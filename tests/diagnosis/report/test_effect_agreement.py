@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.residuals.effect_agreement import agreement
+from hdagen.diagnosis.residuals.effect_agreement import measure_agreement
 
 
 def walk(rng: np.random.Generator, rows: int) -> Array:
@@ -19,26 +19,31 @@ def walk(rng: np.random.Generator, rows: int) -> Array:
 def test_an_effect_with_a_quarter_of_the_slope_of_the_points_is_warned_of(times: float, warns: bool) -> None:
     rng = np.random.default_rng(1)
     added = np.sin(np.linspace(0, 200, 20_000))
-    found = agreement(times * added + 0.1 * walk(rng, len(added)), added)
-    assert found.slope == pytest.approx(times, abs=0.05) and found.contradicted is warns
-    assert ("Warning: the log shows" in found.words()) is warns and f"R² = {found.explained:.2f}" in found.words()
+    found = measure_agreement(times * added + 0.1 * walk(rng, len(added)), added)
+    assert found.slope == pytest.approx(times, abs=0.05) and found.is_contradicted is warns
+    assert (
+        "Warning: the log shows" in found.describe()
+    ) is warns and f"R² = {found.explained_share:.2f}" in found.describe()
     if times == 4.0:
-        assert found.explained == pytest.approx(1 - 9 / 16, abs=0.01) and "4 times" in found.words()
+        assert found.explained_share == pytest.approx(1 - 9 / 16, abs=0.01) and "4 times" in found.describe()
 
 
 def test_r_squared_is_the_share_that_is_taken_away() -> None:
     rng = np.random.default_rng(2)
     added = np.full(5000, 0.3)  # a bias has no slope over anything
-    assert agreement(added, added).explained == 1.0
-    assert agreement(added + 0.3 * rng.normal(size=5000), added).explained == pytest.approx(0.5, abs=0.03)
-    assert agreement(-added, added).explained == pytest.approx(-3.0)
-    assert not agreement(added, 0.0 * added).contradicted and agreement(added, 0.0 * added).explained == 0.0
-    assert agreement(0.0 * added, added).contradicted
+    assert measure_agreement(added, added).explained_share == 1.0
+    assert measure_agreement(added + 0.3 * rng.normal(size=5000), added).explained_share == pytest.approx(0.5, abs=0.03)
+    assert measure_agreement(-added, added).explained_share == pytest.approx(-3.0)
+    assert (
+        not measure_agreement(added, 0.0 * added).is_contradicted
+        and measure_agreement(added, 0.0 * added).explained_share == 0.0
+    )
+    assert measure_agreement(0.0 * added, added).is_contradicted
 
 
 def test_what_noise_hides_is_no_contradiction() -> None:
     rng, warned = np.random.default_rng(3), 0
     for _ in range(200):
         added = walk(rng, 4000)
-        warned += agreement(added + 5.0 * walk(rng, 4000), added).contradicted
+        warned += measure_agreement(added + 5.0 * walk(rng, 4000), added).is_contradicted
     assert warned <= 10

@@ -22,20 +22,20 @@ from replayed import SENSORS, simulated
 from gen.effects import ALL
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import gap
-from hdagen.diagnosis.data.split import Portion, blocks
-from hdagen.diagnosis.decision.direct_evidence import Sure, beside
-from hdagen.diagnosis.decision.posterior import Decision, Hypothesis, decided
+from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.split import LogPortion, mark_holdout_blocks
+from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, add_direct_evidence
+from hdagen.diagnosis.decision.posterior import Decision, Hypothesis, conclude_verdict
 from hdagen.diagnosis.holdout.holdout_check import choose_model
-from hdagen.diagnosis.holdout.unseen_motion import UnseenMotion
-from hdagen.diagnosis.holdout.verdict_withdrawal import known
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
+from hdagen.diagnosis.holdout.verdict_withdrawal import remove_unknown
 from hdagen.diagnosis.report import report_page
-from hdagen.diagnosis.report.sentences import confounded, sentence
-from hdagen.diagnosis.residuals.localization import where
-from hdagen.diagnosis.residuals.residual_torque import look
+from hdagen.diagnosis.report.sentences import explain_confounding, write_verdict
+from hdagen.diagnosis.residuals.localization import localize_gap
+from hdagen.diagnosis.residuals.residual_torque import see_residual_torque
 from hdagen.fleet import fleet_page
-from hdagen.fleet.fleet_diagnosis import Result, Status, summary
-from hdagen.fleet.fleet_file import Machine
+from hdagen.fleet.fleet_diagnosis import MachineResult, Status, summarize_fleet
+from hdagen.fleet.fleet_file import FleetMachine
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 
@@ -112,25 +112,25 @@ def test_every_sentence_is_written(said: list[str]) -> None:
     one_changed = [(key, value) for key, values in MORE.items() for value in values]
     for sets, told, (key, value) in itertools.product(SETS, GAPS, one_changed):
         shown = content(said, sets, gap=told | {"floor": 1.0, "by_channel": CHANNEL}, **{key: value})
-        for text in (sentence(shown), confounded(shown)):
+        for text in (write_verdict(shown), explain_confounding(shown)):
             assert text and "nan" not in text and "None" not in text
 
 
 def test_what_was_read_off_and_withdrawn_leaves_no_gap() -> None:
-    said = sentence(content([], [[BIAS], [FRICTION]]))
+    said = write_verdict(content([], [[BIAS], [FRICTION]]))
     assert said.startswith("There is no gap to explain, although the log may have encoder bias on joint 1 (0.67)")
 
 
 def test_a_fleet_is_told_of_every_result(tmp_path: Path) -> None:
     shapes = [content(said, sets) for said in VERDICTS for sets in SETS] + [content([], [[]], causes=[])]
-    machine = Machine("one", "paper", Path("log.csv"), None, None)
-    results = [Result(machine, Status.DIAGNOSED, diagnosis=shape) for shape in shapes]
-    others = [Result(machine, status) for status in Status if status is not Status.DIAGNOSED]
+    machine = FleetMachine("one", "paper", Path("log.csv"), None, None)
+    results = [MachineResult(machine, Status.DIAGNOSED, diagnosis=shape) for shape in shapes]
+    others = [MachineResult(machine, status) for status in Status if status is not Status.DIAGNOSED]
     for some in ([], others, results[-1:], results + others, *([one] for one in results)):
-        assert fleet_page.sentence(some)
-        json.dumps(summary(some), allow_nan=False)
+        assert fleet_page.format_fleet_verdict(some)
+        json.dumps(summarize_fleet(some), allow_nan=False)
     for some in ([], others, results[-1:], results + others):
-        fleet_page.write(tmp_path / "fleet.html", Path("fleet.toml"), some)
+        fleet_page.write_fleet_page(tmp_path / "fleet.html", Path("fleet.toml"), some)
 
 
 # -- decisions --------------------------------------------------------------------------------------------------------
@@ -143,23 +143,29 @@ NAMES = ((FRICTION,), (BIAS,), (BIAS, FRICTION))
 @given(
     weights=st.lists(st.floats(1e-12, 1.0), min_size=4, max_size=4),
     strange=st.none() | st.floats(1e-6, 1.0),
-    alone=st.sampled_from([[], [Sure(BIAS, {"encoder_bias_1": 1e-3}, 0.1)]]),
+    alone=st.sampled_from([[], [DirectEvidence(BIAS, {"encoder_bias_1": 1e-3}, 0.1)]]),
 )
-def test_every_decision_can_be_said(weights: list[float], strange: float | None, alone: list[Sure]) -> None:
+def test_every_decision_can_be_said(weights: list[float], strange: float | None, alone: list[DirectEvidence]) -> None:
     """Named, none, unknown, and beside each what is read off; the set that is said is among those that are listed."""
     names = [(), *NAMES, *([(STRANGE,)] if strange else [])]
     shares = [*weights, strange] if strange else weights
     given_ = [
         Hypothesis(n, w / sum(shares), None if n == (STRANGE,) else FIT) for n, w in zip(names, shares, strict=True)
     ]
-    first = decided(given_, FIT)
-    second = beside(first, alone)
-    for found in (first, second, known(first), known(second), beside(known(first), alone)):
+    first = conclude_verdict(given_, FIT)
+    second = add_direct_evidence(first, alone)
+    for found in (
+        first,
+        second,
+        remove_unknown(first),
+        remove_unknown(second),
+        add_direct_evidence(remove_unknown(first), alone),
+    ):
         assert () in [h.names for h in found.hypotheses]
         assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
         assert found.verdict in [h.names for h in found.hypotheses]
         for said in (list(found.verdict), [n for n in found.verdict if n.startswith("unknown@")]):  # or withdrawn
-            assert sentence(_told(found, said)) and confounded(_told(found, said))
+            assert write_verdict(_told(found, said)) and explain_confounding(_told(found, said))
 
 
 def _told(found: Decision, said: list[str]) -> dict[str, Any]:
@@ -236,22 +242,22 @@ def one(request: pytest.FixtureRequest, build: Callable[..., Compiled]) -> tuple
 @pytest.mark.parametrize("which", LOGS)
 def test_every_page_is_written(one: tuple[Arm, Log], which: str, tmp_path: Path) -> None:
     arm, log = one[0], LOGS[which](one[1])
-    held = Portion(log, blocks(log.time))
+    held = LogPortion(log, mark_holdout_blocks(log.time))
     before = replay(arm, log)
     for k, entries in enumerate(SAID.values()):
         effects = {name: values for name, values in entries.items() if name != STRANGE}
         causes = [cause(n, 0.9, {key: estimate(v) for key, v in values.items()}) for n, values in effects.items()]
         said = content(list(entries), [list(entries), []], causes=causes)
         said |= {"parameters": {} if k % 2 else {"mass_1": estimate(4.6)}, "robot": {"name": "arm", "sha256": None}}
-        after = replay(arm, log, with_=verdict.read(said))
-        said |= {"gap": gap(before, after, held), "data": {"rate": 1e3, "duration": 1.6, "held_out": "blocks"}}
+        after = replay(arm, log, with_=verdict.read_verdict(said))
+        said |= {"gap": evaluate_gap(before, after, held), "data": {"rate": 1e3, "duration": 1.6, "held_out": "blocks"}}
         rung = {"effects": [], "probability": None, "gap": 2.0, "interval": None}
         said |= {"ladder": [rung | {"model": model} for model in ("robot file", "verdict")]}
         said |= {"control": {"refused": "no speed limit"} if k % 2 else None}
-        sight = look(arm, said, log, before, after)
-        said["where"] = where(sight, said, held.rows)
-        seen = UnseenMotion(held, lambda _: before, before, before, before)
-        found = SimpleNamespace(content=said, after=after, held_out=seen, sight=sight)
-        report_page.write(found, tmp_path / "report.html", "again")  # type: ignore[arg-type]
+        sight = see_residual_torque(arm, said, log, before, after)
+        said["where"] = localize_gap(sight, said, held.rows)
+        seen = HoldoutMotion(held, lambda _: before, before, before, before)
+        found = SimpleNamespace(content=said, after=after, holdout=seen, residual_torque=sight)
+        report_page.write_report(found, tmp_path / "report.html", "again")  # type: ignore[arg-type]
         assert "</html>" in (tmp_path / "report.html").read_text(encoding="utf-8")
         json.dumps(said, allow_nan=False)
