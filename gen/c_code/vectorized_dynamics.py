@@ -16,7 +16,8 @@ from gen.c_code.emitter import Operation, c_signature, emit_body, scalar_operati
 from gen.model.arm_model import Model
 from gen.model.right_hand_side import Graphs, Lane
 
-BATCH_PREAMBLE = """/* Width of a batch: 1, 2, 4 or 8 as the compiler is told, else the widest vector of the target; OF makes one
+BATCH_PREAMBLE = """\
+/* Width of a batch: 1, 2, 4 or 8 as the compiler is told, else the widest vector of the target; OF makes one
  * from f(0), f(1), and so on. */
 #if defined(HDA_BATCH_WIDTH)
 #elif defined(__AVX512F__)

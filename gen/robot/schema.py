@@ -129,7 +129,8 @@ TABLE: tuple[Key, ...] = (
         choices=tuple(CATALOGUE), advice="another gear has other springs, so leave catalogue out and write "
         "ratio, K1, K2, K3, T1, T2 and hysteresis_loss of its own data sheet"),
     Key(DRIVE, "ratio", PARAMETER, KeyNeed.GEARED, "1", Range(1e-3, 1e5),
-        "motor angle over joint position; both counted positive alike", default_text=GEAR, exact=True, prismatic_unit="rad/m"),
+        "motor angle over joint position; both counted positive alike", default_text=GEAR, exact=True,
+        prismatic_unit="rad/m"),
     Key(DRIVE, "motor_inertia", PARAMETER, YES, "kg m²", Range(0, 10),
         "J_m: rotor and wave generator; from 1e-12 in a drive with springs", zero_width=1e-3),
     Key(DRIVE, "torque_constant", PARAMETER, NO, "N m/A", Range(1e-6, 100),
@@ -170,13 +171,16 @@ TABLE: tuple[Key, ...] = (
     Key(DRIVE, "hysteresis_loss", NUMBER, FLEXIBLE, "rad", Range(0, 0.1),
         "ψ, width of the torque–torsion loop at the joint", default_text=f"{GEAR}, else unknown", prismatic_unit="m"),
 
-    Key(LIMITS, "position", ValueKind.RANGE, NO, "rad", Range(-1e4, 1e4), "joint position", default_text="none", prismatic_unit="m"),
-    Key(LIMITS, "speed", NUMBER, NO, "rad/s", range_above(0, 1e4), "joint speed", default_text="none", prismatic_unit="m/s"),
+    Key(LIMITS, "position", ValueKind.RANGE, NO, "rad", Range(-1e4, 1e4), "joint position",
+        default_text="none", prismatic_unit="m"),
+    Key(LIMITS, "speed", NUMBER, NO, "rad/s", range_above(0, 1e4), "joint speed", default_text="none",
+        prismatic_unit="m/s"),
     Key(LIMITS, "torque", NUMBER, NO, "N m", range_above(0, 1e6),
         "joint torque (flexspline); without torque_constant the model is meant for inputs up to it, "
         "and where it is not stated for ten times dry friction or what lifts the stretched arm swiftly, rounded",
         default_text="the catalogue's repeated peak torque, else none", prismatic_unit="N"),
-    Key(LIMITS, "motor_torque_rate", NUMBER, NO, "N m/s", range_above(0, 1e9), "change of motor torque", default_text="none"),
+    Key(LIMITS, "motor_torque_rate", NUMBER, NO, "N m/s", range_above(0, 1e9), "change of motor torque",
+        default_text="none"),
 
     Key(SENSOR, "motor_encoder_resolution", NUMBER, NO, "rad", Range(0, 10), "0 is exact", 0.0),
     Key(SENSOR, "joint_encoder_resolution", NUMBER, NO, "rad", Range(0, 10), "0 is exact", 0.0, prismatic_unit="m"),
@@ -189,7 +193,8 @@ TABLE: tuple[Key, ...] = (
     Key(SENSOR, "torque_noise", NUMBER, NO, "N m", Range(0, 1e5), "standard deviation", 0.0, prismatic_unit="N"),
 
     Key("effect", "name", TEXT, YES, "", ANY, "an effect that is in the model; its own parameters are further keys"),
-    Key("effect", "joint", ValueKind.WHOLE, YES, "", Range(0, MAX_JOINTS), "joint number from 1; 0 for the arm as a whole"),
+    Key("effect", "joint", ValueKind.WHOLE, YES, "", Range(0, MAX_JOINTS),
+        "joint number from 1; 0 for the arm as a whole"),
 )
 # fmt: on
 

@@ -47,7 +47,8 @@ MOST_STRETCHES = (
     1000  # stretches of a curve, drawn by their smallest and largest values: more than a printed figure has dots
 )
 STYLE: Any = {
-    "svg.hashsalt": "hdagen", "font.size": 8.5, "axes.titlesize": 9.0, "axes.labelsize": 8.5, "legend.fontsize": LEGEND_FONT_SIZE,
+    "svg.hashsalt": "hdagen", "font.size": 8.5, "axes.titlesize": 9.0, "axes.labelsize": 8.5,
+    "legend.fontsize": LEGEND_FONT_SIZE,
     "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.35, "grid.linewidth": 0.5,
     "font.family": "DejaVu Sans", "figure.dpi": 100, "savefig.facecolor": "white",
 }  # fmt: skip

@@ -129,7 +129,7 @@ def test_every_source_of_the_generator_is_in_the_name(
     for path in sources:
         content = path.read_bytes()
         path.write_bytes(content + b" ")
-        builds._read_own_files.cache_clear()  # which a process never does: it names its builds by the code that it began with
+        builds._read_own_files.cache_clear()  # no process does that: the code that it began with names its builds
         changed.add(hash_build(b"", "portable", ()))
         path.write_bytes(content)
     assert len(changed) == len(sources) + 1

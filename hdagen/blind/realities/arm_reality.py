@@ -118,7 +118,8 @@ def _build_model(world: ArmWorld) -> Any:
         <default><geom contype="0" conaffinity="0"/></default>
         <worldbody>{rotors}{walls[0]}
           <body><joint name="joint0" axis="0 0 1"/>{_inertial_xml(first)}{balls[0]}{walls[1]}
-            <body pos="{first["length"]!r} 0 0"><joint name="joint1" axis="0 0 1"/>{_inertial_xml(second)}{balls[1]}{load}
+            <body pos="{first["length"]!r} 0 0"><joint name="joint1" axis="0 0 1"/>
+              {_inertial_xml(second)}{balls[1]}{load}
             </body></body></worldbody>
         <contact>{pairs}</contact><actuator>{actuators}</actuator></mujoco>""")
 

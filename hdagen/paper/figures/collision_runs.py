@@ -65,7 +65,8 @@ class CollisionRun:
         return {
             "largest_force": float(size.max()), "impulse": float(size.sum() * PERIOD), "work_on_bottle": float(work),
             "slid": float(slid), "lost_in_sliding": float(BOTTLE_FRICTION * BOTTLE_MASS * GRAVITY * slid),
-            "pushed_back": self.largest_push_back, "clearance_after": float(-self.depth[-round(TURN_SECONDS / PERIOD) :].max()),
+            "pushed_back": self.largest_push_back,
+            "clearance_after": float(-self.depth[-round(TURN_SECONDS / PERIOD) :].max()),
             "vibration": self.vibration_rms, "lost_at": self.run.lost_at,
         }  # fmt: skip
 

@@ -231,7 +231,8 @@ def make_fig3b(bench: Bench) -> Result:
     choice = Choice(
         "shape of the loop", "a Dahl element, ψ/2 of half height times the stiffness at no torque, turning over 1e-4 "
                         f"rad: {width:.3g} rad wide, {loss * 1e3:.2f} mJ a turn",
-        f"turning over {'; '.join(_describe_loop(bench, load, angle, turn) for angle in (5e-5, 2e-4))}; none (the paper's "
+        f"turning over {'; '.join(_describe_loop(bench, load, angle, turn) for angle in (5e-5, 2e-4))}; none "
+        "(the paper's "
         "laws): no loop; the catalogue gives the width and not the shape",
     )  # fmt: skip
     text = "Joint 1 of the straight arm, its motor held, loaded slowly by a force across the tip."

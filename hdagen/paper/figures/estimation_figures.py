@@ -211,8 +211,10 @@ def _make_claims(
               "a count is 1.5 mrad at the joint, and the whole drive twists 1 mrad under 10 N m: torsion alone "
               "cannot tell the torque"),
         Claim("at the start there are significant errors, later they vanish",
-              f"{worst}: {why[worst][0]:.2f} N m rms in the first second, {why[worst][1]:.2f} after it; {ZEROED_UNDER_LOAD}: "
-              f"{why[ZEROED_UNDER_LOAD][0]:.2f} and {why[ZEROED_UNDER_LOAD][1]:.2f}, the same hand with a zero known before: "
+              f"{worst}: {why[worst][0]:.2f} N m rms in the first second, {why[worst][1]:.2f} after it; "
+              f"{ZEROED_UNDER_LOAD}: "
+              f"{why[ZEROED_UNDER_LOAD][0]:.2f} and {why[ZEROED_UNDER_LOAD][1]:.2f}, "
+              "the same hand with a zero known before: "
               f"{why[HELD_AT_START][0]:.2f} and {why[HELD_AT_START][1]:.2f}; without any of this {base[0]:.2f} and "
               f"{base[1]:.2f}",
               vanishes,

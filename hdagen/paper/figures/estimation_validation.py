@@ -230,7 +230,8 @@ def make_resolution(bench: Bench) -> Result:
         )
     ]
     numbers = {
-        "counts": ENCODER_COUNTS, "bits": DISC_BIT_COUNTS, "rms_error": table, "static": still, "uncompensated": plain, "peak": peak,
+        "counts": ENCODER_COUNTS, "bits": DISC_BIT_COUNTS, "rms_error": table, "static": still,
+        "uncompensated": plain, "peak": peak,
         "least_counts": least,
     }  # fmt: skip
     text = (

@@ -393,6 +393,7 @@ def _make_choices(bench: Bench, every: Mapping[tuple[int, bool], TorsionMeasurem
         Choice("0.025 to 0.035 N m at the motor", "above running friction", "as motor torques: below Table I's "
                         f"starting torque, 0.037 N m; 0.035 N m turns joint 1 by {1e3 * np.ptp(still):.2f} mrad in "
                         "4.7 s"),
-        Choice("motor encoder", f"the paper's 42 counts, and 4096 ({FINE_ENCODER_RESOLUTION:.1e} rad) beside it: a_2 to "
+        Choice("motor encoder", f"the paper's 42 counts, and 4096 ({FINE_ENCODER_RESOLUTION:.1e} rad) beside it: "
+               "a_2 to "
                         f"{sure[True]:.2g}e-3", f"Hall sensors alone: a_2 to {sure[False]:.2g}e-3, of 3.2e-3"),
     ]  # fmt: skip
