@@ -24,12 +24,12 @@ from hdagen.diagnosis.decision.calibration import (
     CALIBRATION_FILE,
     CALIBRATION_SCHEMA,
     LARGEST_FILE_BYTES,
-    PROBABILITY_MARGIN,
     Calibration,
     CalibrationError,
     compute_digest,
     read,
 )
+from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.support.atomic_write import write_atomically
 from hdagen.support.input_file import InputFileError, read_json
 
@@ -56,7 +56,7 @@ def render_calibration_data(rows: Sequence[Row], kind: str, seed_hash: str) -> s
     cases = []
     for row in rows:
         if not row.failed:
-            p = min(max(row.p_stated, PROBABILITY_MARGIN), 1.0 - PROBABILITY_MARGIN)
+            p = min(max(row.p_stated, DECISION.probability_margin), 1.0 - DECISION.probability_margin)
             cases.append({"log_odds": math.log(p / (1.0 - p)), "right": row.is_right})
     return json.dumps({"schema": DATA_SCHEMA, "kind": kind, "seed_hash": seed_hash, "cases": cases}, indent=1)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from hdagen.arm.arrays import Array
 
 LEAST_ROWS_PER_TERM = 5  # rows for each term of a fit at least
-FULL_TURN = 2 * np.pi
 
 
 def is_determined(terms: Array) -> bool:
@@ -37,9 +37,9 @@ def find_resolved_orders(angle: Array, orders: Iterable[int]) -> list[int]:
         orders whose half cycle is wider than any part of the turn without an angle, and for which there are rows.
 
     """
-    if not len(angle) or np.ptp(angle) < FULL_TURN:
+    if not len(angle) or np.ptp(angle) < math.tau:
         return []
-    within = np.sort(np.mod(angle, FULL_TURN))
-    widest = float(np.diff(within, append=within[0] + FULL_TURN).max())
+    within = np.sort(np.mod(angle, math.tau))
+    widest = float(np.diff(within, append=within[0] + math.tau).max())
     finest = min(np.pi / widest, (len(angle) / LEAST_ROWS_PER_TERM - 1) / 2)
     return [k for k in orders if k <= finest]

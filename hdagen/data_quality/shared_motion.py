@@ -6,6 +6,7 @@ later one. Two recordings of one motion differ in most rows in motion, even if o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,7 +21,6 @@ POSITION_CHANNELS = ("motor_position", "joint_position")
 _EXACT_NOISE_SHARE = 0.25
 _STRETCH_ROWS, _LEAST_ALIKE_SHARE = 100, 0.9  # rows in motion of a stretch, and the share of them that must be found
 _MOST_STRETCHES = 64  # stretches of a log that are looked for in another
-_FULL_TURN = 2 * np.pi
 
 Mask = NDArray[np.bool_]
 Span = tuple[float, float]  # s
@@ -133,7 +133,7 @@ class _LogPair:
         first, found = rows[0], np.arange(len(self.log))
         for mine, sought, within in zip(self.ours, self.theirs[:, first], self.tolerance, strict=True):
             off = mine[found] - sought
-            found = found[np.abs(off - _FULL_TURN * np.rint(off / _FULL_TURN)) <= within]
+            found = found[np.abs(off - math.tau * np.rint(off / math.tau)) <= within]
         for part in (rows[1::10], rows[1:]):  # the few first: they leave hardly any place
             found = found[np.mean(self.compare_rows(found[:, None], int(first), part), axis=1) > _LEAST_ALIKE_SHARE]
         return found

@@ -30,32 +30,24 @@ import numpy as np
 from hdagen.adoption.verdict import MOST_TOLERANCES
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion, Mask
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence
+from hdagen.diagnosis.decision.direct_evidence_settings import DIRECT_EVIDENCE
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
-from hdagen.diagnosis.holdout import verdict_withdrawal
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.bounded_least_squares import solve_box_qp
-from hdagen.diagnosis.inference.candidate_priors import SLAB_WIDTH, CandidateSet
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.local_fit import start_fit
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint
+from hdagen.diagnosis.long_horizon_settings import LONG_HORIZON
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.prediction.window_replay import REPLAY_WINDOW
 
-TRIED_SIZES = (0.5, 2.0)  # usual sizes that are tried of each effect
-TRIED_PHASES = 6  # directions of two amplitudes, a sine and a cosine
-ROLLOUTS_AT_ONCE = 64  # lanes
-MOST_EFFECTS = 3  # effects
-CANDIDATES_PER_ROUND = 3  # effects that are fitted in each round
-MOST_FIT_STEPS, MOST_FOLD_STEPS = 5, 2  # of a fit at most, and of one to parts of the log from where it stands
-STEP_FRACTIONS = (1.0, 0.5, 0.25, 0.1)  # of a step
-DIFFERENCE_STEP = 0.1  # of a standard deviation, by which a size is moved for its column
-LEAST_STEP_GAIN = 0.1  # of what is lowered, below which a step was the last
-FOLDS = 4  # parts of the log, each of which is told by what the others tell
-FEWEST_WINDOWS = 2 * FOLDS  # windows
-LEAST_GAIN_PER_WINDOW = -2.0 * float(np.log(0.9))  # of what is lowered, a window: by this much an effect must lower it
+FEWEST_WINDOWS = LONG_HORIZON.windows_of_part * DIRECT_EVIDENCE.folds  # windows
 
 
 def search_long_horizon(
@@ -134,10 +126,10 @@ class LongHorizonSearch:
         channels = sorted(set(kinds))
         self.channel_index = np.array([channels.index(kind) for kind in kinds])
         self.window_index = np.repeat(np.arange(len(record.sampled_rows)), [len(rows) for rows in record.sampled_rows])
-        self.least_gain = LEAST_GAIN_PER_WINDOW * len(record.sampled_rows)
+        self.least_gain = -2.0 * float(np.log(LONG_HORIZON.largest_error_ratio)) * len(record.sampled_rows)
         self.is_encoder = np.array([not quantity for _, quantity in channels])
         # the noise of what is read of inputs is all that no loop explains, which counts as it is
-        noise = record.noise * np.where(self.is_encoder[self.channel_index], SIGNIFICANT_NOISE_MULTIPLE, 1.0)
+        noise = record.noise * np.where(self.is_encoder[self.channel_index], DATA.significant_noise_multiple, 1.0)
         self.usual_error = np.ones(len(kinds))
         self.usual_error = np.maximum(np.sqrt((self._simulate_errors([self.p])[0] ** 2).mean(0)), noise)
         self.noise_floor = self._average_encoders((noise / self.usual_error)[None] ** 2)[0]
@@ -150,15 +142,14 @@ class LongHorizonSearch:
 
         """
         none = model = self._fit_model(self._evaluate_model((), np.zeros(len(self.candidates.columns))))
-        while len(model.atoms) < MOST_EFFECTS:
+        while len(model.atoms) < LONG_HORIZON.most_effects:
             further = self._extend_model(model)
             if not further or further[0].cost > model.cost - self.least_gain:
                 break
             model = further[0]
         while (
             model.atoms
-            and self._mean_squares(model.errors[None])[0][self.is_encoder].max()
-            < verdict_withdrawal.MOST_REMAINING_SHARE**2
+            and self._mean_squares(model.errors[None])[0][self.is_encoder].max() < HOLDOUT_CHECK.most_remaining_share**2
         ):
             whole, less = (
                 self._cross_validate(model),
@@ -215,7 +206,9 @@ class LongHorizonSearch:
         """The free columns (P) of a model, and their prior standard deviations (P)."""
         free = [k for k, c in enumerate(self.candidates.columns) if c.in_every_hypothesis or c.candidate in atoms]
         wide = [
-            SLAB_WIDTH if self.candidates.columns[k].candidate in atoms else self.candidates.columns[k].spike_width
+            CANDIDATES.slab_width
+            if self.candidates.columns[k].candidate in atoms
+            else self.candidates.columns[k].spike_width
             for k in free
         ]
         return np.array(free, int), np.array(wide)
@@ -257,7 +250,7 @@ class LongHorizonSearch:
         """Derivatives of the errors by each free size (P, S, M)."""
         free, wide = self._list_free_columns(model.atoms)
         steps = np.zeros((len(free), len(model.theta)))
-        steps[range(len(free)), free] = DIFFERENCE_STEP * wide * np.where(model.theta[free] < 0, -1.0, 1.0)
+        steps[range(len(free)), free] = LONG_HORIZON.difference_step * wide * np.where(model.theta[free] < 0, -1.0, 1.0)
         moved = self._simulate_errors([self._place_sizes(model.atoms, model.theta + step) for step in steps])
         return np.asarray((moved - model.errors) / steps.sum(1)[:, None, None])
 
@@ -278,7 +271,11 @@ class LongHorizonSearch:
         return weighted @ J.T + np.diag(wide**-2), -told
 
     def _fit_model(
-        self, model: EffectModel, rows: Mask | slice = slice(None), steps: int = MOST_FIT_STEPS, reach: float = np.inf
+        self,
+        model: EffectModel,
+        rows: Mask | slice = slice(None),
+        steps: int = LONG_HORIZON.most_fit_steps,
+        reach: float = np.inf,
     ) -> EffectModel:
         """Fit a model's sizes by some ``rows`` alone; base parameters ``reach`` so many standard deviations."""
         model = replace(model, cost=float(self._cost(model.atoms, model.errors[None], model.theta[None], rows)[0]))
@@ -288,14 +285,14 @@ class LongHorizonSearch:
             H, (g,) = self._normal_equations(model, self._differentiate_errors(model), model.errors[None], rows)
             step, here = np.zeros_like(model.theta), model.theta[free]
             step[free] = solve_box_qp(H, g, np.linalg.solve(H, g), (-most - here, most - here))
-            thetas = model.theta + np.outer(STEP_FRACTIONS, step)
+            thetas = model.theta + np.outer(LONG_HORIZON.step_fractions, step)
             errors = self._simulate_errors([self._place_sizes(model.atoms, theta) for theta in thetas])
             costs = self._cost(model.atoms, errors, thetas, rows)
             nearest = int(np.argmin(costs))
             gain = model.cost - float(costs[nearest])
             if gain > 0:
                 model = EffectModel(model.atoms, thetas[nearest], errors[nearest], float(costs[nearest]))
-            if gain < LEAST_STEP_GAIN:
+            if gain < LONG_HORIZON.least_step_gain:
                 break
         return model
 
@@ -309,7 +306,7 @@ class LongHorizonSearch:
     def _fit_promising(self, model: EffectModel) -> list[EffectModel]:
         slopes = self._differentiate_errors(model)
         best: dict[str, tuple[float, int, Array]] = {}
-        for some in self._list_options(model, TRIED_SIZES):
+        for some in self._list_options(model, LONG_HORIZON.tried_sizes):
             sized = [((*model.atoms, k), model.theta + size) for k, size in some]
             settled = self._predict_optima(
                 model, slopes, self._simulate_errors([self._place_sizes(*one) for one in sized])
@@ -318,7 +315,7 @@ class LongHorizonSearch:
                 promise = float(self._cost(atoms, errors[None], (theta + step)[None])[0])
                 if promise < best.get(name := self.candidates.members[atoms[-1]].name, (np.inf,))[0]:
                     best[name] = promise, atoms[-1], theta + step
-        ranked = sorted(best.values(), key=lambda one: one[0])[:CANDIDATES_PER_ROUND]
+        ranked = sorted(best.values(), key=lambda one: one[0])[: LONG_HORIZON.candidates_per_round]
         fitted = [self._fit_model(self._evaluate_model((*model.atoms, k), theta)) for _, k, theta in ranked]
         return sorted(fitted, key=lambda one: one.cost)
 
@@ -349,7 +346,10 @@ class LongHorizonSearch:
         """Atoms that a model can take, each with its θ (C) at some usual sizes, as many as run at once."""
         fits = [k for k in range(len(self.candidates.members)) if self._is_distinct(model, k)]
         options = [(k, theta) for k in fits for theta in self._list_sizes(k, sizes)]
-        return (options[k : k + ROLLOUTS_AT_ONCE] for k in range(0, len(options), ROLLOUTS_AT_ONCE))
+        return (
+            options[k : k + LONG_HORIZON.rollouts_at_once]
+            for k in range(0, len(options), LONG_HORIZON.rollouts_at_once)
+        )
 
     def _predict_optima(self, model: EffectModel, slopes: Array, errors: Array) -> Iterator[tuple[Array, Array]]:
         """For other errors (L, S, M) than a model's, the linear optimum's step of θ (C) and its errors (S, M)."""
@@ -368,7 +368,7 @@ class LongHorizonSearch:
     def _list_sizes(self, k: int, sizes: Sequence[float]) -> Iterator[Array]:
         """θ (C) of atom k alone at some usual sizes, in all of its directions."""
         own = self.candidates.amplitude_columns((k,))
-        turns = 2 * np.pi * np.arange(TRIED_PHASES) / TRIED_PHASES
+        turns = 2 * np.pi * np.arange(LONG_HORIZON.tried_phases) / LONG_HORIZON.tried_phases
         two = np.column_stack([np.cos(turns), np.sin(turns)])
         for way in two if len(own) == 2 else np.vstack([np.eye(len(own)), -np.eye(len(own))]):
             for size in sizes:
@@ -390,7 +390,9 @@ class LongHorizonSearch:
     def _cross_validate(self, model: EffectModel) -> float:
         """Cross-validated Σ W log e² of a fitted model over parts of the log."""
         told = 0.0
-        for windows in np.array_split(np.unique(self.window_index), FOLDS):
+        for windows in np.array_split(np.unique(self.window_index), DIRECT_EVIDENCE.folds):
             part = np.isin(self.window_index, windows)
-            told += float(self._log_misfit(self._fit_model(model, ~part, MOST_FOLD_STEPS).errors[None], part)[0])
+            told += float(
+                self._log_misfit(self._fit_model(model, ~part, LONG_HORIZON.most_fold_steps).errors[None], part)[0]
+            )
         return told

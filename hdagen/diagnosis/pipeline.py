@@ -15,9 +15,10 @@ from hdagen.adoption.robot_identity import compute_robot_identity
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.data_quality.log_preparation import prepare_logs
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.gap import compute_gap_bounds
 from hdagen.diagnosis.data.held_out_rows import name_rows
-from hdagen.diagnosis.data.split import HOLDOUT_SHARE, LogPortion, split_logs
+from hdagen.diagnosis.data.split import LogPortion, split_logs
 from hdagen.diagnosis.data.windows import WindowedRecord, cut_windows
 from hdagen.diagnosis.decision.direct_evidence import find_direct_evidence
 from hdagen.diagnosis.decision.posterior import Decision, score_hypotheses
@@ -43,15 +44,14 @@ from hdagen.diagnosis.residuals.residual_torque import see_residual_torque
 from hdagen.diagnosis.search.hypothesis_search import SearchResult, search_effects
 from hdagen.diagnosis.search.null_model import fit_null_model
 from hdagen.diagnosis.search.rigid_or_flexible import compare_with_springs
+from hdagen.diagnosis.settings import record_settings
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import Replay, check_log_fits_arm, replay
 from hdagen.support.parallel import map_in_threads
 
-WINDOW_LENGTH = 0.05  # s: short enough that a wrong parameter bends the motion little
-FEWEST_WINDOW_ROWS = 25  # rows of a window
 HALF_TEXT = "every other second, the rest having decided what stands,"
-BLOCKS_TEXT = f"blocks all over each log, {100 * HOLDOUT_SHARE:g} % of it"
+BLOCKS_TEXT = f"blocks all over each log, {100 * DATA.holdout_share:g} % of it"
 
 
 def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], say: Callable[[str], None]) -> Diagnosis:
@@ -87,7 +87,7 @@ def _run_stages(
         check_log_fits_arm(plain, log)
     logs, hold_out, fresh, of_data = prepare_logs(plain, logs, hold_out)
     shown, held_out = split_logs(logs, hold_out, fresh)
-    window = max(WINDOW_LENGTH, FEWEST_WINDOW_ROWS * shown.log.period)
+    window = max(DATA.window_length, DATA.fewest_window_rows * shown.log.period)
     seen = cut_windows(arm, shown, window)
 
     attempts = Attempts()
@@ -125,6 +125,7 @@ def _run_stages(
         "identity": compute_robot_identity(plain.robot),
         "sha256": _hash_robot_file(robot),
     }
+    content["settings"] = record_settings()
     content["data"] = _describe_data(logs, hold_out, motion, attempts.failures) | of_data
     if contradicted:
         content["data"]["warnings"].append(say_contradiction(contradicted))

@@ -21,9 +21,11 @@ from hdagen.arm.arrays import Array, is_number
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.reference_motion import Reference
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
-from hdagen.diagnosis.inference.candidate_priors import SILENT_SPIKE_WIDTH, CandidateSet, Column
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet, Column
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.linear_gaussian import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import compute_posteriors, score_candidate_sets
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
@@ -45,7 +47,6 @@ from hdagen.support.parallel import map_in_threads
 
 LEAST_SEPARATION = 7.0  # nats, from where the other holds less than a tenth of a diagnosis' probability
 PREDICTION_FACTOR = 3.0  # factor within which a prediction holds
-WINDOW_SECONDS, FEWEST_WINDOW_ROWS = 0.05, 25  # s and rows of a window of the diagnosis
 DURATION_RANGE = (2.0, 120.0)  # s
 PERIOD_RANGE = (1e-4, 0.01)  # s
 MOST_MOTION_ROWS = 40_000  # of a motion, which bounds the memory of the linear model
@@ -250,7 +251,7 @@ def build_linear_model(arm: Arm, log: Log, effects: Sequence[str], states: Array
         The sensitivities of the log.
 
     """
-    seen = cut_windows(arm, LogPortion.all_rows(log), max(WINDOW_SECONDS, FEWEST_WINDOW_ROWS * log.period))
+    seen = cut_windows(arm, LogPortion.all_rows(log), max(DATA.window_length, DATA.fewest_window_rows * log.period))
     shooting = MultipleShooting(arm, seen)
     words = build_candidates(arm, InitialGuess(guess_from_log(arm, seen).shapes, {}, {}))
     columns = []
@@ -258,7 +259,7 @@ def build_linear_model(arm: Arm, log: Log, effects: Sequence[str], states: Array
         if column.candidate >= 0 and words.members[column.candidate].name in effects:
             sized = replace(column, step=_typical_size(arm, column))
             if not column.in_every_hypothesis:
-                sized = replace(sized, spike_width=SILENT_SPIKE_WIDTH)
+                sized = replace(sized, spike_width=CANDIDATES.silent_spike_width)
             columns.append(sized)
         elif column.candidate < 0 or words.members[column.candidate].has_default_shapes:
             columns.append(column)

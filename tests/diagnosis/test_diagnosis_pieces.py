@@ -12,16 +12,13 @@ from test_diagnosis import problem
 
 from hdagen.diagnosis.decision.identifiability import Identifiability
 from hdagen.diagnosis.decision.wrong_robot import refuse_wrong_robot
-from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE, SPIKE_SCALES, Candidate, CandidateSet, Column
+from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.gauss_newton import compute_hypothesis_widths
+from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel, TotalNormalEquations
 from hdagen.diagnosis.inference.marginal_likelihood import apply_laplace, solve_with_scales
-from hdagen.diagnosis.inference.sensitivities import (
-    FEWEST_ROWS_OF_STEP,
-    FEWEST_TORQUE_STEPS,
-    TORQUE_STEPS,
-    count_torque_steps,
-)
+from hdagen.diagnosis.inference.sensitivities import count_torque_steps
 from hdagen.diagnosis.initialization.encoder_regression import (
     _coefficient_bounds,
     _find_walls,
@@ -30,7 +27,8 @@ from hdagen.diagnosis.initialization.encoder_regression import (
 )
 from hdagen.diagnosis.search import fit_order, hypothesis_search
 from hdagen.diagnosis.search.fit_order import drop_columns, first_with_columns
-from hdagen.diagnosis.search.hypothesis_search import AT_BOUND_DEVIATIONS, _find_at_bound
+from hdagen.diagnosis.search.hypothesis_search import _find_at_bound
+from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.support.heap_memory import tune_malloc
 
 
@@ -83,16 +81,16 @@ def test_what_the_robot_files_tolerance_allows_is_no_effect() -> None:
     atoms = tuple(Candidate("payload", j, "link", (f"payload_mass_{j}",), {}, True) for j in (1, 2))
     columns = tuple(
         Column(atom.amplitudes[0], k, 0.0, 1.0, spike, k, True)
-        for k, (atom, spike) in enumerate(zip(atoms, (SPIKE_SCALES[0], 0.34), strict=True))
+        for k, (atom, spike) in enumerate(zip(atoms, (CANDIDATES.spike_scales[0], 0.34), strict=True))
     )
     words = CandidateSet(atoms, columns)
-    assert (words.presence_threshold(0), words.presence_threshold(1)) == (PRESENT_SIZE, pytest.approx(0.68))
+    assert (words.presence_threshold(0), words.presence_threshold(1)) == (CANDIDATES.present_size, pytest.approx(0.68))
 
 
 @pytest.mark.parametrize("unit, width", [("N m/rad", 90.0), ("N m s/rad", 90.0), ("N m", 1.0), ("1", 1.0)])
 def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width: float) -> None:
     words = SimpleNamespace(
-        spike_widths=np.full(2, SPIKE_SCALES[0]),
+        spike_widths=np.full(2, CANDIDATES.spike_scales[0]),
         columns=[SimpleNamespace(index=0), SimpleNamespace(index=1)],
         free=lambda atoms: np.array([1]),
         theta=lambda p: np.array([3.0, 90.0]),
@@ -100,7 +98,7 @@ def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width
     described = {name: SimpleNamespace(name=name, unit=u) for name, u in {"mass_1": "kg", "amplitude": unit}.items()}
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
     at: Any = SimpleNamespace(candidates=words, shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(2)))
-    np.testing.assert_allclose(compute_hypothesis_widths(at, (0,)), [SPIKE_SCALES[0], width])
+    np.testing.assert_allclose(compute_hypothesis_widths(at, (0,)), [CANDIDATES.spike_scales[0], width])
 
 
 def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
@@ -240,10 +238,10 @@ def test_a_held_step_stays_within_bounds() -> None:
 @pytest.mark.parametrize(
     "joints, flexible, rows, expected",
     [
-        (1, 0, 50, TORQUE_STEPS),
-        (1, 1, 50, TORQUE_STEPS // 2),
-        (2, 2, 50, TORQUE_STEPS // 4),
-        (6, 6, 50, FEWEST_TORQUE_STEPS),
+        (1, 0, 50, LIKELIHOOD.torque_steps),
+        (1, 1, 50, LIKELIHOOD.torque_steps // 2),
+        (2, 2, 50, LIKELIHOOD.torque_steps // 4),
+        (6, 6, 50, LIKELIHOOD.fewest_torque_steps),
         (1, 0, 25, 25 // 3),
     ],
 )
@@ -251,7 +249,9 @@ def test_few_joints_get_more_steps_of_unexplained_torque(joints: int, flexible: 
     arm = SimpleNamespace(n=joints, manifest={"flexible": list(range(1, flexible + 1))})
     record = SimpleNamespace(starts=np.array([0, rows]), ends=np.array([rows, 2 * rows]))
     found = count_torque_steps(SimpleNamespace(arm=arm, record=record))  # type: ignore[arg-type]
-    assert found == expected and found * FEWEST_ROWS_OF_STEP <= max(rows, FEWEST_TORQUE_STEPS * FEWEST_ROWS_OF_STEP)
+    assert found == expected and found * LIKELIHOOD.fewest_rows_of_step <= max(
+        rows, LIKELIHOOD.fewest_torque_steps * LIKELIHOOD.fewest_rows_of_step
+    )
 
 
 # -- what the torsion shows -------------------------------------------------------------------------------------------
@@ -350,7 +350,7 @@ def test_what_stands_at_its_brim_is_tried_the_fullest_first() -> None:
         active=frozenset({"current_bias@1"}),
     )
     mean = 0.05 * np.array(
-        [AT_BOUND_DEVIATIONS + 0.1, AT_BOUND_DEVIATIONS - 0.1, 0.2, -3.0, 20.0, 3.0]
+        [SEARCH.at_bound_deviations + 0.1, SEARCH.at_bound_deviations - 0.1, 0.2, -3.0, 20.0, 3.0]
     )  # the fourth atom is free, the last no atom
     assert _find_at_bound(SimpleNamespace(sensitivities=SimpleNamespace(words=words), posterior=(mean, None))) == [2, 0]  # type: ignore[arg-type]
 

@@ -8,14 +8,10 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.arrays import Array
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.prediction.measurement_model import Rows
 from hdagen.prediction.window_replay import Replay, combine_channel_errors
-
-BOOTSTRAP_DRAWS = 500
-BLOCK_WINDOWS = 4  # windows of a block: one second of motion, so that neighbours with alike errors stay together
-CONFIDENCE_LEVEL = 0.95
-SIGNIFICANT_NOISE_MULTIPLE = 10.0  # multiples of the noise, from which a remaining error counts
 
 
 def evaluate_gap(before: Replay, after: Replay, held: LogPortion, flexible: Replay | None = None) -> dict[str, Any]:
@@ -156,7 +152,7 @@ def measure_block_errors(seen: Sequence[Replay], portion: LogPortion) -> Array:
 
     """
     squares, rows, _ = _sum_window_errors(seen[0], seen, portion)
-    begins = np.arange(0, len(rows), BLOCK_WINDOWS)
+    begins = np.arange(0, len(rows), DATA.block_windows)
     counts = np.add.reduceat(rows, begins)
     return combine_channel_errors(np.sqrt(np.add.reduceat(squares, begins, axis=1) / counts[:, None]))
 
@@ -185,21 +181,21 @@ def _compute_shrink(left: Array) -> float | None:
 
 def _draw_blocks(squares: Array, rows: Rows) -> list[Array]:
     """The gaps of the replays (R,) in each draw of blocks of windows; no draws from fewer than two blocks."""
-    begins = np.arange(0, len(rows), BLOCK_WINDOWS)
+    begins = np.arange(0, len(rows), DATA.block_windows)
     if len(begins) < 2:
         return []
     blocks, lengths = np.add.reduceat(squares, begins, axis=1), np.add.reduceat(rows, begins)
-    drawn = np.random.default_rng(0).integers(len(begins), size=(BOOTSTRAP_DRAWS, len(begins)))
+    drawn = np.random.default_rng(0).integers(len(begins), size=(DATA.bootstrap_draws, len(begins)))
     return [combine_channel_errors(np.sqrt(blocks[:, draw].sum(1) / lengths[draw].sum())) for draw in drawn]
 
 
 def _compute_interval(drawn: Iterable[float]) -> list[float] | None:
-    """Low and high between which ``CONFIDENCE_LEVEL`` of the drawn values lie; None from fewer than half of the
+    """Low and high between which ``DATA.confidence_level`` of the drawn values lie; None from fewer than half of the
     draws."""
     values = list(drawn)
-    if len(values) < BOOTSTRAP_DRAWS / 2:
+    if len(values) < DATA.bootstrap_draws / 2:
         return None
     return [
-        float(np.quantile(values, (1 - CONFIDENCE_LEVEL) / 2)),
-        float(np.quantile(values, (1 + CONFIDENCE_LEVEL) / 2)),
+        float(np.quantile(values, (1 - DATA.confidence_level) / 2)),
+        float(np.quantile(values, (1 + DATA.confidence_level) / 2)),
     ]

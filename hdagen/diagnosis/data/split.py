@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.log.concatenation import concatenate_logs
 from hdagen.log.measured_log import Log
 from hdagen.support.row_runs import find_true_runs
 
-HOLDOUT_SHARE = 0.2  # of each log, held out
-HOLDOUT_SPAN = 5.0  # s; one block of each span is held out
-FEWEST_HOLDOUT_SPANS = 4  # spans at least, in a log shorter than SPANS * SPAN
 GOLDEN_RATIO_STEP = (np.sqrt(5) - 1) / 2  # of a span, by which a block lies later than the one before it (golden ratio)
 
 Mask = NDArray[np.bool_]
@@ -135,9 +133,9 @@ def mark_holdout_blocks(time: Array) -> Mask:
 
     """
     length = float(time[-1] - time[0])
-    count = max(FEWEST_HOLDOUT_SPANS, round(length / HOLDOUT_SPAN))
+    count = max(DATA.fewest_holdout_spans, round(length / DATA.holdout_span))
     spans = (time - time[0]) / max(length, np.finfo(float).tiny) * count
     number = np.minimum(spans.astype(int), count - 1)
-    begins = (number * GOLDEN_RATIO_STEP % 1.0) * (1.0 - HOLDOUT_SHARE)
+    begins = (number * GOLDEN_RATIO_STEP % 1.0) * (1.0 - DATA.holdout_share)
     within = spans - number
-    return np.asarray((within >= begins) & (within < begins + HOLDOUT_SHARE))
+    return np.asarray((within >= begins) & (within < begins + DATA.holdout_share))

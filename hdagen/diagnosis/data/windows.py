@@ -20,6 +20,7 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.data_quality.log_repair import split_at_long_gaps
 from hdagen.data_quality.rank_check import LEAST_ROWS_PER_TERM
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion, Mask
 from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.column_map import name_command_channel
@@ -31,11 +32,6 @@ from hdagen.prediction.measurement_model import Readings, Rows, complete_state, 
 from hdagen.prediction.window_replay import find_window_starts
 
 CHANNEL_QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")
-INITIAL_STATE_REACH = 0.01  # s to each side of a window's first row; the initial state is read from these rows
-MOST_SELECTED_WINDOWS = 96  # selected windows at most
-MOST_SAMPLED_VALUES = 18_000  # sampled values (rows times channels) at most
-FOLLOWING_TIME = 0.05  # s of past commands that a measured torque may depend on
-SHORTEST_LAST_WINDOW = 0.5  # of the window length, that a shorter last window must have
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +82,16 @@ class WindowedRecord:
         """Selected windows (K), spread evenly over those whose rows the fit may all use."""
         whole = [bool(self.visible_rows[a:b].all()) for a, b in zip(self.starts, self.ends, strict=True)]
         may = np.flatnonzero(whole)
-        return may[np.unique(np.linspace(0, len(may) - 1, min(len(may), MOST_SELECTED_WINDOWS)).round().astype(int))]
+        return may[
+            np.unique(np.linspace(0, len(may) - 1, min(len(may), DATA.most_selected_windows)).round().astype(int))
+        ]
 
     @cached_property
     def sampled_rows(self) -> list[Rows]:
         """Sampled rows of each selected window, as places in ``rows``."""
         begins = np.concatenate([[0], np.cumsum(self.ends - self.starts)])
         values = int((self.ends - self.starts)[self.selected_windows].sum()) * len(self.names)
-        stride = max(1, math.ceil(values / MOST_SAMPLED_VALUES))
+        stride = max(1, math.ceil(values / DATA.most_sampled_values))
         return [np.arange(begins[w], begins[w + 1], stride) for w in self.selected_windows]
 
     @cached_property
@@ -188,7 +186,7 @@ def cut_windows(arm: Arm, seen: LogPortion, window: float) -> WindowedRecord:
     starts = np.union1d(find_window_starts(log.time, window), [first for first, _ in split_at_long_gaps(log.time)])
     ends = np.append(starts[1:], len(log))
     period = log.period
-    whole = ends - starts >= SHORTEST_LAST_WINDOW * window / period  # windows that are long enough
+    whole = ends - starts >= DATA.shortest_last_window * window / period  # windows that are long enough
     starts, ends = starts[whole], ends[whole]
     before = command[0, : arm.n].copy()
     for j, name in enumerate(arm.input_names[: arm.n]):
@@ -241,7 +239,7 @@ def _measure_following_noise(log: Log, name: str, shown: Mask) -> float:
     larger."""
     command = log[name_command_channel(name)]
     most = max(int(shown.sum()) // LEAST_ROWS_PER_TERM - 2, 0)  # with more the fit would take the noise, too
-    lags = np.arange(min(max(round(FOLLOWING_TIME / log.period), 1), most) + 1)
+    lags = np.arange(min(max(round(DATA.following_time / log.period), 1), most) + 1)
     past = np.stack([np.append(np.full(k, command[0]), command[: len(command) - k]) for k in lags], 1)
     A = np.column_stack([past, np.ones(len(command))])[shown]
     coefficients, _, rank, _ = np.linalg.lstsq(A, log[name][shown], rcond=None)
@@ -270,7 +268,7 @@ def _estimate_initial_states(arm: Arm, log: Log, starts: Rows) -> Array:
     readings = Readings.from_log(arm, log)
     x = np.zeros((len(starts), arm.nx))
     known: set[int] = set()
-    reach, parts = max(3, round(INITIAL_STATE_REACH / log.period)), np.array(split_at_long_gaps(log.time))
+    reach, parts = max(3, round(DATA.initial_state_reach / log.period)), np.array(split_at_long_gaps(log.time))
     within = parts[np.searchsorted(parts[:, 0], starts, side="right") - 1]  # no parabola reaches over a gap
     for k, place in enumerate(readings.state_indices):
         name = arm.state_names[place]

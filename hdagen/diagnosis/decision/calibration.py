@@ -20,12 +20,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.support.input_file import InputFileError, read_json
 
 CALIBRATION_SCHEMA = 2
 LARGEST_FILE_BYTES = 10_000_000  # bytes of a file
 CALIBRATION_FILE = Path(__file__).with_name("calibration.json")
-PROBABILITY_MARGIN = 1e-6  # probabilities nearer to 0 or 1 count as this
 
 
 class CalibrationError(Exception):
@@ -59,7 +59,7 @@ class Calibration:
             The calibrated one: at least a half where ``leading`` is above it, and ``leading`` itself elsewhere.
 
         """
-        p = min(max(leading, PROBABILITY_MARGIN), 1.0 - PROBABILITY_MARGIN)
+        p = min(max(leading, DECISION.probability_margin), 1.0 - DECISION.probability_margin)
         if p <= 0.5:
             return leading
         tempered = 1.0 / (1.0 + math.exp(-math.log(p / (1.0 - p)) / self.temperature))

@@ -18,15 +18,12 @@ import numpy as np
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import Mask
 from hdagen.diagnosis.data.windows import WindowedRecord
+from hdagen.diagnosis.decision.direct_evidence_settings import DIRECT_EVIDENCE
 from hdagen.diagnosis.decision.posterior import PLACES_BETWEEN_ENCODERS, Decision, Hypothesis
-from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.initialization.encoder_regression import EncoderDifference, read_encoder_differences
 from hdagen.diagnosis.initialization.initial_guess import fit_input_effects
 
-DIRECT_EVIDENCE_SHARE = (
-    0.5  # of the error without it, that an effect must leave at most: it explains three quarters of the variance
-)
-FOLDS = 4  # parts of a log, each of which is predicted from the others
 ENCODER_EFFECT_PARAMETERS = {
     "sensor_delay": ("sensor_delay",),
     "encoder_bias": ("encoder_bias",),
@@ -65,7 +62,7 @@ def find_direct_evidence(arm: Arm, record: WindowedRecord) -> list[DirectEvidenc
     found = [*_find_input_effects(arm, record)]
     for apart in read_encoder_differences(arm, record):
         found += _find_encoder_effects(add_motor_torque(apart))
-    return [one for one in found if one.remaining_share < DIRECT_EVIDENCE_SHARE]
+    return [one for one in found if one.remaining_share < DIRECT_EVIDENCE.largest_remaining_share]
 
 
 def add_direct_evidence(decision: Decision, found: Sequence[DirectEvidence]) -> Decision:
@@ -130,7 +127,7 @@ def _find_input_effects(arm: Arm, record: WindowedRecord) -> Iterator[DirectEvid
     best: dict[int, DirectEvidence] = {}
     for effect, name, j, value, share in fit_input_effects(arm, record):
         size = abs(value - arm.parameters.described[name].nominal)
-        counts = size > PRESENT_SIZE * (arm.parameters.described[name].typical or np.inf)
+        counts = size > CANDIDATES.present_size * (arm.parameters.described[name].typical or np.inf)
         if counts and (j not in best or share < best[j].remaining_share):
             best[j] = DirectEvidence(f"{effect}@{j}", {name: value}, share)
     yield from best.values()
@@ -163,7 +160,7 @@ def _find_encoder_effects(one: EncoderDifference) -> Iterator[DirectEvidence]:
         if not own.any():
             continue
         usual = [q.typical or np.inf for q, chosen in zip(one.parameters, own, strict=True) if chosen]
-        if np.linalg.norm(whole[: len(own)][own] / usual) < PRESENT_SIZE:
+        if np.linalg.norm(whole[: len(own)][own] / usual) < CANDIDATES.present_size:
             continue
         sizes = zip(one.parameters, whole, own, strict=False)
         parameters = {q.name: min(max(float(value), q.low), q.high) for q, value, chosen in sizes if chosen}
@@ -173,7 +170,7 @@ def _find_encoder_effects(one: EncoderDifference) -> Iterator[DirectEvidence]:
 def _cross_validate_residual(one: EncoderDifference, which: Mask) -> float:
     """Cross-validated residual of the torsion (rms, rad), fitted by the terms of ``which`` parameters and by torque."""
     rows = np.flatnonzero(one.loaded_rows)
-    parts = np.array_split(rows, FOLDS)
+    parts = np.array_split(rows, DIRECT_EVIDENCE.folds)
     squares = 0.0
     for part in parts:
         seen = one.loaded_rows.copy()

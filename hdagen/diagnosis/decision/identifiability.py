@@ -16,14 +16,12 @@ from dataclasses import replace
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.decision.posterior import NO_EFFECT_THRESHOLD, PRIOR_NO_EFFECT
+from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.inference.marginal_likelihood import Posterior, compute_evidence_gain, solve_at_scales
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
 
-CONFUSABLE_EVIDENCE = float(
-    np.log(100.0)
-)  # difference of expected log evidence, below which two effects count as confounded
+CONFUSABLE_EVIDENCE = float(np.log(DECISION.confusable_odds))  # difference of expected log evidence
 
 
 class Identifiability:
@@ -72,11 +70,11 @@ class Identifiability:
         """
         needed = float(
             np.log(
-                PRIOR_NO_EFFECT
-                / (1.0 - PRIOR_NO_EFFECT)
+                DECISION.prior_no_effect
+                / (1.0 - DECISION.prior_no_effect)
                 * len(self.columns)
-                * (1.0 - NO_EFFECT_THRESHOLD)
-                / NO_EFFECT_THRESHOLD
+                * (1.0 - DECISION.no_effect_threshold)
+                / DECISION.no_effect_threshold
             )
         )
         found = self._expect_evidence(self.columns, self.motion)

@@ -14,43 +14,17 @@ from types import MappingProxyType
 import numpy as np
 
 from hdagen.diagnosis.decision import calibration
-from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE
+from hdagen.diagnosis.decision.decision_settings import DECISION
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.inference.multiple_shooting import Rollout
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
-PRIOR_NO_EFFECT = 0.5  # prior probability of no effect
-PRIOR_FURTHER_EFFECT = 0.3  # that there is one more
-# unexplained torque, rms over the joints, in its unit (2 % of the usual motor torque), variance beyond the noise's as a
-# share of it, and share of what none leaves, at which it is as probable as not that something unknown is at work
-UNKNOWN_MIDPOINTS = 0.6, 1.0
-UNKNOWN_REMAINING_SHARE = 0.64
-LARGEST_UNKNOWN_SIZE = (
-    2.0  # of the former, from which on it is plain that something is left: more says no more, as a real machine's
-)
-# motion is worth a percent of its torque where a sealed one's is worth a thousandth
-NEGLIGIBLE_UNKNOWN_ODDS = 0.05  # odds of that, below which it is not counted
-RARE_PARAMETER_DEVIATION = (
-    2.576  # standard deviations, to which a robot file states a parameter, that one in a hundred is off by
-)
-INFORMATIVE_STD_RATIO = 0.5  # of that standard deviation, to which the log must tell it
-MOST_EVIDENCE_DEFICIT = (
-    10.0  # of log evidence, by which the hypothesis that means it may be behind, as what is rare is less probable,
-)
-# and the fit of a set may be behind what that is worth elsewhere
 SMALLEST_POSITIVE = 1e-12
 PLACES_BETWEEN_ENCODERS = ("transmission", "link", "sensor")
-FORM_CORRECTION_SHARE = (
-    0.2  # of the gain of effects, that another one of their kind may bring which makes up for their formula
-)
 ACCUMULATING_STATES = {
     "thermal_friction": "warmth"
 }  # effects that come over time, and the state that says how far one is there
-SURE_BELOW = 0.1  # probability of what else it may be, above which a verdict is not sure
-NO_EFFECT_THRESHOLD = (
-    1 / 3
-)  # probability of none, before any calibration, from which no effect is named: an alarm sends an engineer
-# to change a model that may be right. Of 300 sealed logs without an effect 297 left it 0.59 or more
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +63,7 @@ class Decision:
     @property
     def is_sure(self) -> bool:
         """Whether the other hypotheses together hold at most a tenth of the probability."""
-        return 1.0 - self.probability <= SURE_BELOW and not self.is_unknown
+        return 1.0 - self.probability <= DECISION.sure_below and not self.is_unknown
 
     @property
     def is_long_horizon(self) -> bool:
@@ -186,7 +160,7 @@ def score_hypotheses(
     own = {
         names: fit
         for names, fit in fits.items()
-        if fit.tempered_evidence(temperature, fit.effects) > evidence[names] - MOST_EVIDENCE_DEFICIT
+        if fit.tempered_evidence(temperature, fit.effects) > evidence[names] - DECISION.most_evidence_deficit
     }
     stands |= own
     linear = next(s.evidence for s in search.screened if not s.effects)
@@ -200,7 +174,7 @@ def score_hypotheses(
     for names in sorted(fits, key=len):
         if (more := _add_shifted_base_parameters(fits[names])) != names and evidence.get(more, -np.inf) > evidence[
             names
-        ] - MOST_EVIDENCE_DEFICIT:
+        ] - DECISION.most_evidence_deficit:
             weight[more] += weight[names]
             weight[names] = 0.0
     place = {atom.name: atom.place for fit in fits.values() for atom in fit.sensitivities.candidates.members}
@@ -215,7 +189,7 @@ def score_hypotheses(
     left = lead  # what even the best of all leaves
     # what is too small to count tells nothing of a gap: where that leads, none leaves what the best does
     strange = _compute_unknown_odds(left, fits[()] if order[0] else left)
-    unknown = float(strange / (1.0 + strange)) if strange > NEGLIGIBLE_UNKNOWN_ODDS else 0.0
+    unknown = float(strange / (1.0 + strange)) if strange > DECISION.negligible_unknown_odds else 0.0
     hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), own.get(names)) for names in order]
     joint = int(np.argmax(left.unexplained_torque)) + 1
     if unknown:
@@ -262,7 +236,7 @@ def conclude_verdict(hypotheses: list[Hypothesis], left: Fit) -> Decision:
     named = sum(h.probability for h in known) - none.probability  # what takes each other's place makes nothing unknown
     if strange and strange.probability > max(named, none.probability):
         said = strange
-    elif none.probability > NO_EFFECT_THRESHOLD:
+    elif none.probability > DECISION.no_effect_threshold:
         said = none
     believed = calibration.read().calibrate(said.probability)
     others = [h for h in hypotheses if h is not said]
@@ -283,11 +257,14 @@ def _compute_unknown_odds(left: Fit, none: Fit) -> float:
     lacks = [max(fit.noise_only_evidence - fit.evidence_here, SMALLEST_POSITIVE) for fit in (left, none)]
     torques = [max(float(np.linalg.norm(fit.unexplained_torque)), SMALLEST_POSITIVE) for fit in (left, none)]
     size = min(
-        max(torques[0] / UNKNOWN_MIDPOINTS[0], (left.score.posterior.noise_level - 1.0) / UNKNOWN_MIDPOINTS[1]),
-        LARGEST_UNKNOWN_SIZE,
+        max(
+            torques[0] / DECISION.unknown_midpoints[0],
+            (left.score.posterior.noise_level - 1.0) / DECISION.unknown_midpoints[1],
+        ),
+        DECISION.largest_unknown_size,
     )
     share = min(lacks[0] / lacks[1], torques[0] / torques[1], 1.0)
-    return (size**2 * share / UNKNOWN_REMAINING_SHARE) ** 2
+    return (size**2 * share / DECISION.unknown_remaining_share) ** 2
 
 
 def _add_shifted_base_parameters(fit: Fit) -> tuple[str, ...]:
@@ -298,8 +275,8 @@ def _add_shifted_base_parameters(fit: Fit) -> tuple[str, ...]:
         for k, c in enumerate(words.columns)
         if c.in_every_hypothesis
         and c.candidate >= 0
-        and abs(mean[k]) > max(PRESENT_SIZE, RARE_PARAMETER_DEVIATION * c.spike_width)
-        if np.sqrt(covariance[k, k]) < INFORMATIVE_STD_RATIO * c.spike_width
+        and abs(mean[k]) > max(CANDIDATES.present_size, DECISION.rare_parameter_deviation * c.spike_width)
+        if np.sqrt(covariance[k, k]) < DECISION.informative_std_ratio * c.spike_width
     }
     return tuple(sorted(beyond.union(fit.names)))
 
@@ -319,7 +296,7 @@ def _drop_negligible(
         rest = tuple(n for n in names if n != name)
         alike = [n for n in rest if _are_interchangeable(name, n, place)]
         without = tuple(n for n in rest if n not in alike)
-        least = FORM_CORRECTION_SHARE * (evidence.get(rest, np.inf) - evidence.get(without, evidence[()]))
+        least = DECISION.form_correction_share * (evidence.get(rest, np.inf) - evidence.get(without, evidence[()]))
         if alike and evidence[names] - evidence.get(rest, -np.inf) < least:
             return rest
     return large
@@ -338,7 +315,7 @@ def _are_interchangeable(one: str, other: str, place: Mapping[str, str]) -> bool
 def _compute_prior(effects: int, count: int) -> float:
     """Prior probability of one set with so many ``effects``, of ``count`` candidates."""
     return (
-        PRIOR_NO_EFFECT
+        DECISION.prior_no_effect
         if not effects
-        else (1 - PRIOR_NO_EFFECT) / count * (PRIOR_FURTHER_EFFECT / count) ** (effects - 1)
+        else (1 - DECISION.prior_no_effect) / count * (DECISION.prior_further_effect / count) ** (effects - 1)
     )

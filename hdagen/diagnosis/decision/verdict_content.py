@@ -10,10 +10,11 @@ import numpy as np
 
 from hdagen.adoption import verdict
 from hdagen.arm.arm_parameters import Parameter
+from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.identifiability import Identifiability
-from hdagen.diagnosis.decision.posterior import SURE_BELOW, Decision
+from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
-from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE, SILENT_SPIKE_WIDTH
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_order import first_with_columns
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
@@ -22,11 +23,6 @@ TILT_EQUIVALENTS = {
     "tilt_x": "gravity_x",
     "tilt_y": "gravity_y",
 }  # a small tilt of the base, and the gravity it is equal to
-PRESENT_FROM_DEVIATIONS = (
-    2.0  # standard deviations of one of several sizes of an effect, from which it counts as present
-)
-BOUND_TOLERANCE = 1e-9  # of an end of a parameter's range, or of its nominal, within which it stands at that end
-LEAST_ALTERNATIVE_PROBABILITY = 0.01  # probability from which another cause is named as confounded
 
 
 def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]:
@@ -55,7 +51,9 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
     for name in sorted(likely, key=lambda name: -likely[name]):
         fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
         others = [
-            o for o in likely if _compute_alternative_probability(decision, name, o) > LEAST_ALTERNATIVE_PROBABILITY
+            o
+            for o in likely
+            if _compute_alternative_probability(decision, name, o) > DECISION.least_mentioned_probability
         ]
         if name in decision.verdict and name in told.columns and not decision.is_long_horizon:
             others += told.find_confusable(name)
@@ -73,8 +71,8 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
         "method": {
             "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
             "uncalibrated": decision.uncalibrated_probability,
-            "present_from": PRESENT_SIZE,
-            "sure_below": SURE_BELOW,
+            "present_from": CANDIDATES.present_size,
+            "sure_below": DECISION.sure_below,
             "tolerated_share": best.sensitivities.candidates.spike_scale,
             "unexplained_torque": best.score.posterior.s,
             "noise_scale": math.sqrt(best.score.posterior.noise_level),
@@ -157,7 +155,9 @@ def estimate_parameters(fit: Fit, atom: int) -> dict[str, Any]:
     found = {
         name: _describe_estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names
     }
-    silent = [columns[k] for k, own in zip(free, alone, strict=True) if abs(mean[k]) < PRESENT_FROM_DEVIATIONS * own]
+    silent = [
+        columns[k] for k, own in zip(free, alone, strict=True) if abs(mean[k]) < DECISION.present_from_deviations * own
+    ]
     if len(silent) < len(free):
         for column in silent:
             found[column.parameter] |= {"value": column.center, "end": None}
@@ -197,7 +197,11 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
     described, (_, covariance) = best.sensitivities.shooting.arm.parameters.described, best.posterior
     places = {name: k for k, name in enumerate(described)}
     free = [(k, c) for k, c in enumerate(best.sensitivities.candidates.columns) if c.candidate not in best.effects]
-    spread = {c.parameter: math.sqrt(covariance[k, k]) * c.unit for k, c in free if c.spike_width > SILENT_SPIKE_WIDTH}
+    spread = {
+        c.parameter: math.sqrt(covariance[k, k]) * c.unit
+        for k, c in free
+        if c.spike_width > CANDIDATES.silent_spike_width
+    }
     found = {
         c.parameter: _describe_estimate(best, described[c.parameter], c.index, spread[c.parameter])
         for _, c in free
@@ -216,7 +220,7 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
 def _describe_estimate(fit: Fit, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
     """Value, std and unit of a parameter; ``end`` is the end of its range that it stands at, if it does."""
     value, ends = float(fit.sensitivities.point.p[place]), {"low": parameter.low, "high": parameter.high}
-    least = {name: BOUND_TOLERANCE * max(abs(end), abs(parameter.nominal)) for name, end in ends.items()}
+    least = {name: DECISION.bound_tolerance * max(abs(end), abs(parameter.nominal)) for name, end in ends.items()}
     end = next((name for name in ends if abs(value - ends[name]) <= least[name]), None)
     if value == parameter.nominal:
         end = None

@@ -10,10 +10,8 @@ from __future__ import annotations
 
 from scipy.special import gammaincc  # scipy.stats would take half a second to import
 
+from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.inference.local_fit import Fit
-
-LEAST_FILE_PROBABILITY = 1e-6  # probability of such deviations if the file is right, below which it is refused
-MOST_SHOWN_PARAMETERS = 4  # parameters that are named
 
 
 def refuse_wrong_robot(best: Fit) -> str | None:
@@ -35,9 +33,9 @@ def refuse_wrong_robot(best: Fit) -> str | None:
         for c, value in zip(best.sensitivities.candidates.columns, best.posterior[0], strict=True)
         if c.in_every_hypothesis and c.candidate not in best.effects and described[c.parameter].tolerance > 0
     }
-    if not off or gammaincc(0.5 * len(off), 0.5 * sum(z**2 for z in off.values())) >= LEAST_FILE_PROBABILITY:
+    if not off or gammaincc(0.5 * len(off), 0.5 * sum(z**2 for z in off.values())) >= DECISION.least_file_probability:
         return None
-    first = sorted(off, key=lambda name: -abs(off[name]))[:MOST_SHOWN_PARAMETERS]
+    first = sorted(off, key=lambda name: -abs(off[name]))[: DECISION.most_shown_parameters]
     said = ", ".join(f"{name} by {abs(off[name]):.1f}" for name in first)
     named = " and ".join(best.names) or "no effect"
     return (

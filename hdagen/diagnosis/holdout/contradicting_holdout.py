@@ -16,9 +16,9 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import Decision
-from hdagen.diagnosis.holdout.unexplained_remainder import NAMED_REMAINDER_SHARE
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
-from hdagen.diagnosis.holdout.verdict_withdrawal import UNCLOSED_SHARE, build_fitted_arm, measure_remaining_errors
+from hdagen.diagnosis.holdout.verdict_withdrawal import build_fitted_arm, measure_remaining_errors
 from hdagen.prediction.window_replay import Replay
 
 
@@ -48,10 +48,12 @@ def find_contradiction(
     whole = build_fitted_arm(decision)
     after = motion.simulate(whole)
     other = motion.measure_gap(after)
-    if not (_leaves_all(motion, after) and other["interval"] and other["interval"][1] <= 1.0 - UNCLOSED_SHARE):
+    if not (
+        _leaves_all(motion, after) and other["interval"] and other["interval"][1] <= 1.0 - HOLDOUT_CHECK.unclosed_share
+    ):
         return None
     own = evaluate_gap(simulate(plain), simulate(whole), shown)
-    if not (own["interval"] and own["interval"][0] >= 1.0 - NAMED_REMAINDER_SHARE):
+    if not (own["interval"] and own["interval"][0] >= 1.0 - HOLDOUT_CHECK.named_remainder_share):
         return None
     left = other["after"] / other["before"]
     return {"verdict": list(decision.verdict), "closed": own["shrink"], "left": left}
@@ -59,4 +61,7 @@ def find_contradiction(
 
 def _leaves_all(motion: HoldoutMotion, after: Replay) -> bool:
     """Tell whether a replay closes next to nothing of any joint's error."""
-    return min(measure_remaining_errors(motion.before, after, motion.portion).values(), default=0.0) >= UNCLOSED_SHARE
+    return (
+        min(measure_remaining_errors(motion.before, after, motion.portion).values(), default=0.0)
+        >= HOLDOUT_CHECK.unclosed_share
+    )

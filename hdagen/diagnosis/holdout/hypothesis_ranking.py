@@ -14,10 +14,9 @@ from hdagen.diagnosis.data.gap import bootstrap_gaps
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.prediction.window_replay import Replay
 from hdagen.support.parallel import map_in_threads
-
-MOST_RANKED_HYPOTHESES = 3  # hypotheses beside no effect and the verdict: each costs one replay
 
 
 def rank_hypotheses(
@@ -51,7 +50,7 @@ def rank_hypotheses(
     """
     stated = tuple(said)
     fitted = [h for h in decision.hypotheses if h.fit and h.names != stated]
-    tried = [h for h in fitted if not h.names] + [h for h in fitted if h.names][:MOST_RANKED_HYPOTHESES]
+    tried = [h for h in fitted if not h.names] + [h for h in fitted if h.names][: HOLDOUT_CHECK.most_ranked_hypotheses]
 
     def replayed(one: Hypothesis) -> Replay:
         assert one.fit

@@ -11,12 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
-
-LEADING_GAP_RATIO = 3.0  # times what another set leaves of the gap, from which on a set does not lead
-MOST_TRIED_SETS = 4  # sets beside the leading one: each costs a replay of held-out motion
-FORMER_LEADER_ODDS = 1 / 4  # of the set that led, beside the one that took its place
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 
 Gap = Mapping[str, Any]  # `gap` of diagnosis.json
 
@@ -35,13 +32,13 @@ def lead_on_unseen_motion(decision: Decision, measure: Callable[[Decision], Gap]
     if decision.is_unknown or decision.direct_evidence or not decision.verdict:
         return decision
     left = float(measure(decision)["after"])
-    if left <= SIGNIFICANT_NOISE_MULTIPLE:
+    if left <= DATA.significant_noise_multiple:
         return decision
     others = [h for h in decision.hypotheses if h.names and h.names != decision.verdict and h.fit and not h.is_unknown]
-    tried = [exchange_leader(decision, one) for one in others[:MOST_TRIED_SETS]]
+    tried = [exchange_leader(decision, one) for one in others[: HOLDOUT_CHECK.most_tried_sets]]
     gaps = {one.verdict: float(measure(one)["after"]) for one in tried}
     best = min(tried, key=lambda one: gaps[one.verdict], default=decision)
-    return best if gaps.get(best.verdict, left) * LEADING_GAP_RATIO < left else decision
+    return best if gaps.get(best.verdict, left) * HOLDOUT_CHECK.leading_gap_ratio < left else decision
 
 
 def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:
@@ -59,7 +56,7 @@ def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:
     assert other.fit is not None
     lead = next(h for h in decision.hypotheses if h.names == decision.verdict)
     both = lead.probability + other.probability
-    kept = both * FORMER_LEADER_ODDS / (1.0 + FORMER_LEADER_ODDS)
+    kept = both * HOLDOUT_CHECK.former_leader_odds / (1.0 + HOLDOUT_CHECK.former_leader_odds)
     first, second = replace(other, probability=both - kept), replace(lead, probability=kept)
     rest = [h for h in decision.hypotheses if h not in (lead, other)]
     found = sorted([first, second, *rest], key=lambda h: -h.probability)

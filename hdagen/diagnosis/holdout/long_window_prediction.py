@@ -28,16 +28,12 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.gap import measure_block_errors
 from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_order import charge_effects
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.prediction.window_replay import Replay
 from hdagen.support.parallel import map_in_threads
-
-ERROR_MARGIN = (
-    1.5  # times the best set's error, up to which short windows decide; `standing.MOST_REPLAYED_SETS` grants the same
-)
-MOST_REPLAYED_SETS = 8  # sets beside the null model: each costs a replay of the log
 
 
 def weigh_predictions(
@@ -52,7 +48,7 @@ def weigh_predictions(
 
     Returns:
         For the null model and each of the most promising sets, by their names: 0, or less for a set whose error exceeds
-        `ERROR_MARGIN` times the best one's.
+        `HOLDOUT_CHECK.error_margin` times the best one's.
 
     Raises:
         PlantError: a model cannot be simulated.
@@ -60,7 +56,7 @@ def weigh_predictions(
     """
     sets: dict[tuple[str, ...], Fit] = {}
     for fit in sorted(found.fits, key=lambda fit: -charge_effects(fit.evidence_here, fit, fit.misfit_temperature)):
-        if not fit.effects or len(sets) <= MOST_REPLAYED_SETS:
+        if not fit.effects or len(sets) <= HOLDOUT_CHECK.most_replayed_sets:
             sets.setdefault(fit.names, fit)
     arms = [fit.sensitivities.shooting.arm.with_parameters(fit.sensitivities.point.p) for fit in sets.values()]
     lost = compare_errors(measure_block_errors(map_in_threads(replay, arms), shown))
@@ -79,4 +75,4 @@ def compare_errors(errors: Array) -> Array:
     """
     logs = np.log(np.maximum(np.where(np.isfinite(errors), errors, np.finfo(float).max), 1.0))
     behind = logs.mean(1) - logs.mean(1).min()
-    return np.asarray(-errors.shape[1] * np.maximum(behind - math.log(ERROR_MARGIN), 0.0))
+    return np.asarray(-errors.shape[1] * np.maximum(behind - math.log(HOLDOUT_CHECK.error_margin), 0.0))

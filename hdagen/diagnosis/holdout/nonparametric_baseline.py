@@ -21,6 +21,7 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.diagnosis.data.split import LogPortion, Mask
+from hdagen.diagnosis.holdout.baseline_settings import BASELINE
 from hdagen.diagnosis.inference.multiple_shooting import DRIVE_QUANTITIES
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
 from hdagen.log.column_map import name_command_channel
@@ -28,12 +29,7 @@ from hdagen.log.measured_log import Log
 from hdagen.prediction.driving_inputs import read_driving_inputs
 from hdagen.prediction.window_replay import Replay, replay
 
-FOURIER_FEATURES = 100  # random Fourier features
-TURN_HARMONICS = (1, 2, 4)  # harmonics of the motor's angle
-DIRECTION_SOFTNESS = 0.02  # of the usual speed, scale of the tanh that smooths a direction
-COMMAND_LAGS = 8  # rows of the command among the features of the current's correction
-RIDGE_STRENGTHS = np.geomspace(1e-6, 1e2, 9)  # ridges that are tried, of the mean square of the features
-CROSS_VALIDATION_BLOCKS = 8  # of time, each left out once in the cross-validation
+RIDGE_STRENGTHS = np.geomspace(*BASELINE.ridge_ends, BASELINE.ridge_count)  # of the mean square of the features
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +50,11 @@ class RidgeRegression:
         X, y = features - mean, target - level
         X /= scale
         parts = list(
-            zip(np.array_split(X, CROSS_VALIDATION_BLOCKS), np.array_split(y, CROSS_VALIDATION_BLOCKS), strict=True)
+            zip(
+                np.array_split(X, BASELINE.cross_validation_blocks),
+                np.array_split(y, BASELINE.cross_validation_blocks),
+                strict=True,
+            )
         )
         grams, sums = [x.T @ x for x, _ in parts], [x.T @ part for x, part in parts]
         whole, all_, eye = np.sum(grams, 0), np.sum(sums, 0), np.eye(X.shape[1])
@@ -150,9 +150,9 @@ class FeatureBasis:
         found = []
         for j in range(sight.n):
             q, v, _, load, u = raw[j].T
-            d = np.tanh(v / DIRECTION_SOFTNESS)
+            d = np.tanh(v / BASELINE.direction_softness)
             theta = sight.read_state("motor_position", j + 1)
-            turns = [part for k in TURN_HARMONICS for part in (np.sin(k * theta), np.cos(k * theta))]
+            turns = [part for k in BASELINE.turn_harmonics for part in (np.sin(k * theta), np.cos(k * theta))]
             angle = sight.read_state("joint_position", j + 1)
             time = sight.time - sight.time[0]
             own = [
@@ -176,8 +176,10 @@ def _draw_basis(raw: Array) -> FeatureBasis:
     """Draw the random features for measured quantities ``raw`` (n, K, M), with a fixed seed."""
     rng = np.random.default_rng(0)
     scale = np.maximum(raw.std(1, keepdims=True), 1e-12)
-    ways = rng.normal(size=(raw.shape[0] * raw.shape[2], FOURIER_FEATURES)) / np.sqrt(raw.shape[0] * raw.shape[2])
-    return FeatureBasis(scale, ways, rng.uniform(0, 2 * np.pi, FOURIER_FEATURES))
+    ways = rng.normal(size=(raw.shape[0] * raw.shape[2], BASELINE.fourier_features)) / np.sqrt(
+        raw.shape[0] * raw.shape[2]
+    )
+    return FeatureBasis(scale, ways, rng.uniform(0, 2 * np.pi, BASELINE.fourier_features))
 
 
 def _stack_measurements(sight: ResidualTorque) -> Array:
@@ -244,7 +246,7 @@ def _fit_current_correction(shown: LogPortion, plain: Replay, name: str) -> Ridg
 
 def _lag_command(command: Array) -> Array:
     """A command, its last rows, and powers of it (T, F)."""
-    last = [np.concatenate([np.full(k, command[0]), command[: len(command) - k]]) for k in range(COMMAND_LAGS)]
+    last = [np.concatenate([np.full(k, command[0]), command[: len(command) - k]]) for k in range(BASELINE.command_lags)]
     return np.column_stack([*last, np.abs(command), command * np.abs(command), command**3])
 
 

@@ -16,13 +16,10 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.verdict_content import TILT_EQUIVALENTS, estimate_parameters
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.prediction.window_replay import Replay
 from hdagen.support.parallel import map_in_threads
-
-CLEAR_DEVIATIONS = 4.0  # standard deviations from 0, from which the data determine an effect's size
-MOST_REPLAYED_EFFECTS = 2  # effects that are tried: each costs one replay
-LEAST_LISTED_GAIN = 0.05  # of the gap after the verdict, that an effect must close to be listed
 
 
 def rank_nuisance_effects(
@@ -54,7 +51,7 @@ def rank_nuisance_effects(
         goes_along = c.candidate < 0 or c.parameter in TILT_EQUIVALENTS or described[c.parameter].tolerance > 0
         if not goes_along and words.members[c.candidate].name not in best.names:
             told = abs(float(mean[k])) / math.sqrt(covariance[k, k])
-            clear[c.candidate] = max(told, clear.get(c.candidate, CLEAR_DEVIATIONS))
+            clear[c.candidate] = max(told, clear.get(c.candidate, HOLDOUT_CHECK.clear_deviations))
     left = evaluate_gap(before, after, held)["after"]
 
     def worth(atom: int) -> dict[str, Any]:
@@ -70,8 +67,10 @@ def rank_nuisance_effects(
             "gap": evaluate_gap(before, seen(arm), held)["after"],
         }
 
-    clearest = sorted((k for k in clear if clear[k] > CLEAR_DEVIATIONS), key=lambda k: -clear[k])[
-        :MOST_REPLAYED_EFFECTS
+    clearest = sorted((k for k in clear if clear[k] > HOLDOUT_CHECK.clear_deviations), key=lambda k: -clear[k])[
+        : HOLDOUT_CHECK.most_replayed_effects
     ]
-    closer = [one for one in map_in_threads(worth, clearest) if one["gap"] < (1.0 - LEAST_LISTED_GAIN) * left]
+    closer = [
+        one for one in map_in_threads(worth, clearest) if one["gap"] < (1.0 - HOLDOUT_CHECK.least_listed_gain) * left
+    ]
     return sorted(closer, key=lambda one: float(one["gap"]))

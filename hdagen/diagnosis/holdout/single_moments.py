@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.data.gap import BLOCK_WINDOWS, SIGNIFICANT_NOISE_MULTIPLE
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.held_out_rows import name_rows
 from hdagen.diagnosis.data.split import LogPortion
-from hdagen.diagnosis.holdout.unexplained_remainder import NAMED_REMAINDER_SHARE
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.log.measured_log import Log
 from hdagen.prediction.measurement_model import Rows
 from hdagen.prediction.window_replay import Replay
@@ -40,7 +40,7 @@ def find_single_moments(
         multiples of the noise of the encoder with the smaller error.
 
     """
-    starts = before.starts[::BLOCK_WINDOWS]
+    starts = before.starts[:: DATA.block_windows]
     found = []
     for j in range(1, portion.log.n_joints + 1):
         encoders = [name for name in before.counted_channels if name in (f"motor_position_{j}", f"joint_position_{j}")]
@@ -70,7 +70,7 @@ def _find_only_second(before: Array, after: Array) -> int | None:
     where none does."""
     k = int(np.argmax(after))
     elsewhere = after[np.abs(np.arange(len(after)) - k) > 1]
-    left = after[k] > max(SIGNIFICANT_NOISE_MULTIPLE, NAMED_REMAINDER_SHARE * before[k])
-    if left and len(elsewhere) and elsewhere.max() <= NAMED_REMAINDER_SHARE * after[k]:
+    left = after[k] > max(DATA.significant_noise_multiple, HOLDOUT_CHECK.named_remainder_share * before[k])
+    if left and len(elsewhere) and elsewhere.max() <= HOLDOUT_CHECK.named_remainder_share * after[k]:
         return k
     return None

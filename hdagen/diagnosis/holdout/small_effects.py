@@ -17,13 +17,10 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
-from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.local_fit import Fit
-
-NEGLIGIBLE_GAP_RATIO = 1.05  # times the gap with an effect, that may be left without it
-NEGLIGIBLE_CHANNEL_RATIO = 1.1  # times what any channel errs by: what acts on one of many shows little in their mean
-NEGLIGIBLE_REMAINDER_RATIO = 2.0**0.5  # times either, where that is as many times the noise as counts
 
 Gap = Mapping[str, Any]  # `gap` of diagnosis.json
 Fits = Mapping[tuple[str, ...], Fit]
@@ -68,14 +65,16 @@ def drop_small_effects(
 def _is_little(told: Gap, without: Gap) -> bool:
     """Whether a gap ``without`` an effect is about that with it, in all and in every channel."""
     channels = ((told["by_channel"][name]["after"], one["after"]) for name, one in without["by_channel"].items())
-    alike = all(_is_alike(before, after, NEGLIGIBLE_CHANNEL_RATIO) for before, after in channels)
-    return alike and _is_alike(told["after"], without["after"], NEGLIGIBLE_GAP_RATIO)
+    alike = all(_is_alike(before, after, HOLDOUT_CHECK.negligible_channel_ratio) for before, after in channels)
+    return alike and _is_alike(told["after"], without["after"], HOLDOUT_CHECK.negligible_gap_ratio)
 
 
 def _is_alike(with_it: float, without: float, least: float) -> bool:
     """Whether an error is about as large without an effect as with it, in multiples of the noise."""
     return bool(
-        without <= (NEGLIGIBLE_REMAINDER_RATIO if with_it > SIGNIFICANT_NOISE_MULTIPLE else least) * max(with_it, 1.0)
+        without
+        <= (HOLDOUT_CHECK.negligible_remainder_ratio if with_it > DATA.significant_noise_multiple else least)
+        * max(with_it, 1.0)
     )
 
 

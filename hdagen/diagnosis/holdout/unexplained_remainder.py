@@ -10,13 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
+from hdagen.diagnosis.data.data_settings import DATA
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 
-NAMED_REMAINDER_SHARE = 1 / 3  # of what a joint errs by, from which on what remains is said in the verdict
-LEAST_CLOSABLE_SHARE = 0.2  # of a gap, below which the best of all that was fitted closes nothing worth speaking of
-LARGEST_GOOD_GAP = (
-    2.0 * SIGNIFICANT_NOISE_MULTIPLE
-)  # multiples of the noise, up to which that is as good as a model gets: beyond it nothing is good
+LARGEST_GOOD_GAP = HOLDOUT_CHECK.largest_good_multiple * DATA.significant_noise_multiple  # multiples of the noise
 
 
 def measure_remainders(channels: Mapping[str, Mapping[str, float]]) -> list[dict[str, Any]]:
@@ -35,7 +32,7 @@ def measure_remainders(channels: Mapping[str, Mapping[str, float]]) -> list[dict
         joint = int(name.rpartition("_")[2])
         one = {"joint": joint, "share": channel["after"] / channel["before"], "noise": channel["after"]}
         encoder = "position" in name
-        if encoder or channel["before"] > SIGNIFICANT_NOISE_MULTIPLE:  # a sensor that did not err shows nothing
+        if encoder or channel["before"] > DATA.significant_noise_multiple:  # a sensor that did not err shows nothing
             found[joint] = min(one, found.get(joint, one), key=lambda each: float(each["share"]))
     return [found[joint] for joint in sorted(found)]
 
@@ -56,7 +53,7 @@ def name_remainders(verdict: Sequence[str], remains: Sequence[Mapping[str, Any]]
     much = (
         one["joint"]
         for one in remains
-        if one["share"] > NAMED_REMAINDER_SHARE and one["noise"] > SIGNIFICANT_NOISE_MULTIPLE
+        if one["share"] > HOLDOUT_CHECK.named_remainder_share and one["noise"] > DATA.significant_noise_multiple
     )
     return [*verdict, *(f"unknown@{joint}" for joint in much)]
 
@@ -71,4 +68,7 @@ def is_as_good_as_it_gets(gap: Mapping[str, Any]) -> bool:
         True where the robot file leaves few times the noise, and the best of all that was fitted about as much.
 
     """
-    return bool(gap["before"] <= LARGEST_GOOD_GAP and gap["achievable"] >= (1.0 - LEAST_CLOSABLE_SHARE) * gap["before"])
+    return bool(
+        gap["before"] <= LARGEST_GOOD_GAP
+        and gap["achievable"] >= (1.0 - HOLDOUT_CHECK.least_closable_share) * gap["before"]
+    )

@@ -22,24 +22,18 @@ from typing import Any
 
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE, measure_channel_errors
+from hdagen.diagnosis.data.data_settings import DATA
+from hdagen.diagnosis.data.gap import measure_channel_errors
 from hdagen.diagnosis.data.split import LogPortion
-from hdagen.diagnosis.decision.posterior import SMALLEST_POSITIVE, SURE_BELOW, Decision, Hypothesis, conclude_verdict
+from hdagen.diagnosis.decision.decision_settings import DECISION
+from hdagen.diagnosis.decision.posterior import SMALLEST_POSITIVE, Decision, Hypothesis, conclude_verdict
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.holdout.small_effects import Fits, drop_effects
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.prediction.window_replay import Replay
 
-MOST_REMAINING_SHARE = (
-    2 / 3
-)  # of what every encoder of a joint errs by, that may be left: what leaves more explains something else
-UNCLOSED_SHARE = 0.9  # of the same, or of a gap, from which on a verdict closes next to nothing
-LEAST_EXPLAINABLE_GAP = (
-    1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
-)
-LARGEST_SURE_GAP = 100.0  # of the same, from which on what is left is no small matter, whatever else leaves
-UNKNOWN_ODDS_POWER = 4.0  # power of what is left in the odds
-LEAST_UNKNOWN_ODDS = SURE_BELOW / (
-    1.0 - SURE_BELOW
+LEAST_UNKNOWN_ODDS = DECISION.sure_below / (
+    1.0 - DECISION.sure_below
 )  # of something unknown where short windows say so: what is named is then not sure
 
 
@@ -81,13 +75,14 @@ def withdraw_harmful(
         gaps = [motion.measure_gap(after) for motion, after in zip(motions, replays, strict=True)]
         content["gap"] = gaps[-1]
         if all(
-            gap["before"] >= LEAST_EXPLAINABLE_GAP and _closes_gap(gap, bool(said.unexplained_joints and base))
+            gap["before"] >= HOLDOUT_CHECK.least_explainable_gap
+            and _closes_gap(gap, bool(said.unexplained_joints and base))
             for gap in gaps
         ):
             return named, replays[-1]
     kept = (
         [f"unknown@{joint}" for joint in said.unexplained_joints]
-        if content["gap"]["before"] >= LEAST_EXPLAINABLE_GAP
+        if content["gap"]["before"] >= HOLDOUT_CHECK.least_explainable_gap
         else []
     )
     content |= {"verdict": kept, "sure": False, "where": []}
@@ -101,7 +96,7 @@ def _closes_gap(told: dict[str, Any], bent: bool) -> bool:
     Beside something unknown, base parameters are ``bent`` to the motion of the log: there the whole interval must lie
     above next to nothing.
     """
-    surely = told["interval"][0] > 1.0 - UNCLOSED_SHARE if bent and told["interval"] else True
+    surely = told["interval"][0] > 1.0 - HOLDOUT_CHECK.unclosed_share if bent and told["interval"] else True
     return bool(told["after"] < told["before"] and surely)
 
 
@@ -116,8 +111,9 @@ def leaves_little(after: float, others: Sequence[float]) -> bool:
         False where many times the noise is left and something else leaves far less, or very many times the noise.
 
     """
-    return after <= SIGNIFICANT_NOISE_MULTIPLE or (
-        after <= LARGEST_SURE_GAP and min(others, default=after) > MOST_REMAINING_SHARE * after
+    return after <= DATA.significant_noise_multiple or (
+        after <= HOLDOUT_CHECK.largest_sure_gap
+        and min(others, default=after) > HOLDOUT_CHECK.most_remaining_share * after
     )
 
 
@@ -148,12 +144,14 @@ def doubt_on_holdout(
     named = {int(name.partition("@")[2]) for name in said}
     left = measure_remaining_shares(motion.before, after, whole, motion.portion, named)
     joint, share = max(left.items(), key=lambda one: one[1], default=(0, 0.0))
-    if share <= MOST_REMAINING_SHARE:
+    if share <= HOLDOUT_CHECK.most_remaining_share:
         return decision, None
-    standing = tuple(name for name in said if _least_left(name, left) <= MOST_REMAINING_SHARE)
+    standing = tuple(name for name in said if _least_left(name, left) <= HOLDOUT_CHECK.most_remaining_share)
     told = {"verdict": list(decision.verdict), "joint": joint, "left": share}
     if not standing:
-        return _set_unknown_odds(decision, (share / MOST_REMAINING_SHARE) ** UNKNOWN_ODDS_POWER, joint), told
+        return _set_unknown_odds(
+            decision, (share / HOLDOUT_CHECK.most_remaining_share) ** HOLDOUT_CHECK.unknown_odds_power, joint
+        ), told
     if standing == decision.verdict:
         return decision, None
     fewer = drop_effects(decision, fitted, *(name for name in decision.verdict if name not in standing))
@@ -218,16 +216,19 @@ def reweigh_unknown(decision: Decision, said: Sequence[str], motion: HoldoutMoti
         measure_remaining_errors(before, one, held) for one in (alone, motion.flexible, motion.refitted_base)
     )
     at, share = max(left.items(), key=lambda one: one[1], default=(0, 1.0))
-    beside = share / min(max(others.get(at, 0.0), SMALLEST_POSITIVE), MOST_REMAINING_SHARE)
+    beside = share / min(max(others.get(at, 0.0), SMALLEST_POSITIVE), HOLDOUT_CHECK.most_remaining_share)
     odds = decision.uncalibrated_probability / max(1.0 - decision.uncalibrated_probability, SMALLEST_POSITIVE)
-    for ratio in (min(share / MOST_REMAINING_SHARE, 1.0), beside if decision.is_long_horizon else min(beside, 1.0)):
-        odds *= ratio**UNKNOWN_ODDS_POWER
+    for ratio in (
+        min(share / HOLDOUT_CHECK.most_remaining_share, 1.0),
+        beside if decision.is_long_horizon else min(beside, 1.0),
+    ):
+        odds *= ratio**HOLDOUT_CHECK.unknown_odds_power
     of_base = {j: left[j] / max(min(base.get(j, 1.0), 1.0), SMALLEST_POSITIVE) for j in left}
     shares = [_least_left(name, of_base) for name in said]
-    if shares and max(shares) <= MOST_REMAINING_SHARE:
+    if shares and max(shares) <= HOLDOUT_CHECK.most_remaining_share:
         sets = [h for h in decision.hypotheses if not h.is_unknown]
         named = sum(h.probability for h in sets if h.names) / sum(h.probability for h in sets)
-        odds = min(odds, named * max(shares) / MOST_REMAINING_SHARE)
+        odds = min(odds, named * max(shares) / HOLDOUT_CHECK.most_remaining_share)
     odds = max(odds, LEAST_UNKNOWN_ODDS)
     (joint,) = {int(name.partition("@")[2]) for name in decision.verdict if name.startswith("unknown@")}
     return _set_unknown_odds(decision, odds, joint)
@@ -277,7 +278,7 @@ def measure_remaining_shares(
 
     """
     said, tolerating = (measure_remaining_errors(before, one, held) for one in (after, whole))
-    alone = {j for j in named if said.get(j, 0.0) > UNCLOSED_SHARE}
+    alone = {j for j in named if said.get(j, 0.0) > HOLDOUT_CHECK.unclosed_share}
     return {j: share if j in alone else min(share, tolerating[j]) for j, share in said.items()}
 
 
@@ -296,7 +297,7 @@ def measure_remaining_errors(before: Replay, after: Replay, held: LogPortion) ->
     shares: dict[int, float] = {}
     for name, channel in measure_channel_errors(before, after, held).items():
         quantity, _, j = name.rpartition("_")
-        if channel["before"] > (0.0 if quantity.endswith("position") else SIGNIFICANT_NOISE_MULTIPLE):
-            share = channel["after"] / channel["before"] if channel["after"] > SIGNIFICANT_NOISE_MULTIPLE else 0.0
+        if channel["before"] > (0.0 if quantity.endswith("position") else DATA.significant_noise_multiple):
+            share = channel["after"] / channel["before"] if channel["after"] > DATA.significant_noise_multiple else 0.0
             shares[int(j)] = min(share, shares.get(int(j), share))
     return shares

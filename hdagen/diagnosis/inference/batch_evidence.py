@@ -14,13 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.arm.arrays import Array
+from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.linear_gaussian import (
     CrossProducts,
     TotalNormalEquations,
     compute_misfit,
     compute_window_scales,
 )
-from hdagen.diagnosis.inference.marginal_likelihood import MOST_REWEIGHTINGS, SCALE_TOLERANCE, apply_laplace
+from hdagen.diagnosis.inference.marginal_likelihood import apply_laplace
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ class ResidualBatch:
 
         found, still = np.empty(len(self.z)), np.arange(len(self.z))
         kappa2 = scales(self.theta.T, still)
-        for _ in range(MOST_REWEIGHTINGS):
+        for _ in range(LIKELIHOOD.most_reweightings):
             weight, log = 1.0 / kappa2, logdet + freedom @ np.log(kappa2)
             H = (weight.T @ N.reshape(windows, -1)).reshape(-1, P, P)
             told, squares = np.einsum("wa,wpa->ap", weight, b[..., still]), (weight * c[:, still]).sum(0)
@@ -68,7 +69,7 @@ class ResidualBatch:
                 )
                 means[:, place], found[k] = at.mean, at.evidence
             old, kappa2 = kappa2, scales(means, still)
-            moves = np.abs(np.log(kappa2 / old)).max(0) >= SCALE_TOLERANCE
+            moves = np.abs(np.log(kappa2 / old)).max(0) >= LIKELIHOOD.scale_tolerance
             still, kappa2 = still[moves], kappa2[:, moves]
             if not len(still):
                 break

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hdagen.arm.arrays import Array
-
-MOST_ACTIVE_SET_CHANGES = 20  # of the active set
+from hdagen.diagnosis.inference.fit_settings import FIT
 
 Bounds = tuple[Array, Array]  # lowest and highest θ (P)
 
@@ -27,7 +26,7 @@ def solve_box_qp(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:
     """
     low, high = bounds
     theta, held = free.copy(), np.zeros(len(free), bool)
-    for _ in range(MOST_ACTIVE_SET_CHANGES):
+    for _ in range(FIT.most_active_set_changes):
         outside = ~held & ((theta < low) | (theta > high))
         slope = H @ theta - g
         back = held & np.where(theta <= low, slope < 0, slope > 0) & (low < high)

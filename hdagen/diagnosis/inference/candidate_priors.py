@@ -20,26 +20,11 @@ import numpy as np
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 
-SPIKE_SCALES = (
-    0.05,
-    0.025,
-    0.0125,
-)  # typical sizes: standard deviation of an effect outside the hypothesis. A fit uses the
-# first of them until the log shows how much of every effect the machine has.
-NUISANCE_LIMIT = 3.0  # standard deviations that such an effect has at most; a larger one is present
-SLAB_WIDTH = 1.0  # typical sizes: standard deviation of an effect of the hypothesis
-SHAPE_FIT_THRESHOLD = 0.3  # of the spike width; the shapes of a larger effect are fitted, too
-SILENT_SPIKE_WIDTH = 1e-4  # spike width of a candidate that only its own hypothesis uses: below any share of any size
-PRESENT_SIZE = 0.3  # typical sizes, from which an effect counts as present
-BASE_DEVIATION_LIMIT = 2.0  # tolerances of the robot file, from which a shifted base parameter counts as an effect
-LOCAL_STEP = 0.1  # step of a hypothesis' own parameters, about its present point
-COLUMN_STEP = 0.1  # step of every other column: small, as nuisance effects are small; a scan tries large sizes
-LEAST_SHAPE_UNIT = 1e-3  # of a shape parameter's range: its unit where its value is 0
 ORDER_SHAPE = "order"  # in the name of a shape that cannot be found by small steps
 TWIN_EFFECTS = {"current_bias", "asymmetric_friction"}
 FRICTION_MODIFIERS = ("stribeck_friction", "asymmetric_friction", "thermal_friction", "presliding_friction")
-WALL_POSITION_UNIT = 0.02  # rad (or m): unit of a wall's position, which has to be this fine for a hard wall
 SCALE_FREE_UNITS = (
     "N m/rad",
     "N/m",
@@ -47,7 +32,6 @@ SCALE_FREE_UNITS = (
     "N s/m",
 )  # units of walls and dampers, whose sizes span orders of magnitude
 SCALE_FREE_PARAMETER = "coulomb_friction"  # a robot file's value that may be a guess, so its size spans them, too
-SHAPE_UNIT_SHARE = 0.5  # of a shape parameter's value: its unit
 
 
 @dataclass(frozen=True)
@@ -119,14 +103,14 @@ class Column:
     spike_width: float
     candidate: int
     in_every_hypothesis: bool
-    step: float = COLUMN_STEP
+    step: float = CANDIDATES.column_step
     initial_guess: float = 0.0
     background_size: float = 1.0
 
     @property
     def initial_value(self) -> float:
         """Initial guess of the parameter, in its own unit, limited to the size of a nuisance effect."""
-        most = NUISANCE_LIMIT * self.spike_width
+        most = CANDIDATES.nuisance_limit * self.spike_width
         return self.center + min(max(self.initial_guess, -most), most) * self.unit
 
 
@@ -138,7 +122,7 @@ class CandidateSet:
     members: tuple[Candidate, ...]
     columns: tuple[Column, ...]
     active: frozenset[str] = frozenset()
-    spike_scale: float = SPIKE_SCALES[0]
+    spike_scale: float = CANDIDATES.spike_scales[0]
 
     @property
     def spike_widths(self) -> Array:
@@ -159,7 +143,7 @@ class CandidateSet:
         ends = []
         for c in self.columns:
             low, high = sorted((end - c.center) / c.unit for end in (described[c.index].low, described[c.index].high))
-            most = NUISANCE_LIMIT * c.spike_width
+            most = CANDIDATES.nuisance_limit * c.spike_width
             if c.candidate < 0 or self.members[c.candidate].name in self.active:
                 most = np.inf
             ends.append((max(low, -most), min(high, most)))
@@ -176,7 +160,7 @@ class CandidateSet:
         wider = share**2 - self.spike_scale**2
 
         def widen(c: Column) -> Column:
-            if c.candidate < 0 or c.spike_width <= SILENT_SPIKE_WIDTH:
+            if c.candidate < 0 or c.spike_width <= CANDIDATES.silent_spike_width:
                 return c
             return replace(c, spike_width=math.sqrt(c.spike_width**2 + wider * c.background_size**2))
 
@@ -192,7 +176,9 @@ class CandidateSet:
         """
         atom = replace(self.members[k], shapes=dict(shapes), has_default_shapes=False)
         own = [
-            replace(c, spike_width=SILENT_SPIKE_WIDTH, candidate=len(self.members), in_every_hypothesis=False)
+            replace(
+                c, spike_width=CANDIDATES.silent_spike_width, candidate=len(self.members), in_every_hypothesis=False
+            )
             for c in self.columns
             if c.candidate == k
         ]
@@ -225,7 +211,8 @@ class CandidateSet:
 
         """
         return max(
-            PRESENT_SIZE, BASE_DEVIATION_LIMIT * float(self.spike_widths[self.amplitude_columns((k,))].max(initial=0.0))
+            CANDIDATES.present_size,
+            CANDIDATES.base_deviation_limit * float(self.spike_widths[self.amplitude_columns((k,))].max(initial=0.0)),
         )
 
     def hypothesis_columns(self, atoms: tuple[int, ...]) -> np.ndarray:
@@ -317,13 +304,13 @@ class CandidateSet:
 
         """
         focus = self.columns_for(atoms)
-        columns = [replace(c, step=LOCAL_STEP) if c.candidate in atoms else c for c in focus.columns]
+        columns = [replace(c, step=CANDIDATES.local_step) if c.candidate in atoms else c for c in focus.columns]
         seen = [
             c.candidate
             for c in focus.columns
             if c.candidate >= 0
             and c.candidate not in atoms
-            and abs(p[c.index] - c.center) > SHAPE_FIT_THRESHOLD * c.spike_width * abs(c.unit)
+            and abs(p[c.index] - c.center) > CANDIDATES.shape_fit_threshold * c.spike_width * abs(c.unit)
         ]
         names = list(arm.parameters.described)
         shapes = [name for k in atoms for name in self.members[k].shapes]
@@ -331,16 +318,18 @@ class CandidateSet:
         for name in dict.fromkeys(shapes):
             q = arm.parameters.described[name]
             value = float(p[names.index(name)])
-            columns.append(Column(name, names.index(name), value, _shape_unit(q, value), 1.0, -1, True, LOCAL_STEP))
+            columns.append(
+                Column(name, names.index(name), value, _shape_unit(q, value), 1.0, -1, True, CANDIDATES.local_step)
+            )
         return replace(focus, columns=tuple(columns))
 
 
 def _shape_unit(q: Parameter, value: float) -> float:
     """Choose the unit of a shape parameter that has this value."""
     if q.name.startswith(("contact_above", "contact_below")):
-        return WALL_POSITION_UNIT
+        return CANDIDATES.wall_position_unit
     if q.low >= 0:
-        return max(SHAPE_UNIT_SHARE * abs(value), LEAST_SHAPE_UNIT * (q.high - q.low))
+        return max(CANDIDATES.shape_unit_share * abs(value), CANDIDATES.least_shape_unit * (q.high - q.low))
     return 0.1 * (q.high - q.low) / 2
 
 

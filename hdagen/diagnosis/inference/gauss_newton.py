@@ -13,17 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.inference.candidate_priors import SLAB_WIDTH, Candidate, CandidateSet, is_scale_free
+from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, is_scale_free
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
+from hdagen.diagnosis.inference.fit_settings import FIT
 from hdagen.diagnosis.inference.linear_gaussian import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import ScoredHypothesis, solve_with_scales
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 
-MOST_CHORD_STEPS = 3  # steps with one set of sensitivities
-TRUST_RADII = (np.inf, 0.3, 0.1, 0.03)  # trust radii of a step, in prior standard deviations
-LEAST_STEP_RATIO = 0.25  # of the promised improvement, with which a step is accepted without a smaller radius
-LARGEST_CHI2_RISE = 4.0  # by which chi² of a window may grow before its initial state is restored
-BAD_WINDOW_RATIO = 2.0  # times the chi² expected of noise, from which a window begins anew at the measured state
-LEAST_EVIDENCE_STEP = 0.1  # log evidence that a step must bring, or promise, for another one
+TRUST_RADII = (np.inf, *FIT.trust_radii)
 
 
 def descend_gauss_newton(
@@ -46,7 +43,7 @@ def descend_gauss_newton(
     at = _restart_bad_windows(at, s)
     bounds, linear = words.theta_bounds(at.shooting.arm), at.linear_model()
     cost = linear.cost(s, prior)
-    for _ in range(MOST_CHORD_STEPS):
+    for _ in range(FIT.most_chord_steps):
         best = cost, at, linear
         for reach in TRUST_RADII:
             theta = solve_with_scales(linear, prior, s, bounds, reach).mean
@@ -56,10 +53,10 @@ def descend_gauss_newton(
             worse = best[0] <= value
             if not worse:
                 best = value, trial, there
-            if cost - value >= LEAST_STEP_RATIO * promised or (worse and best[1] is not at):
+            if cost - value >= FIT.least_step_ratio * promised or (worse and best[1] is not at):
                 break
         gain, (cost, at, linear) = cost - best[0], best
-        if gain < LEAST_EVIDENCE_STEP:
+        if gain < FIT.least_evidence_step:
             break
     return at
 
@@ -69,13 +66,13 @@ def _restart_bad_windows(at: Sensitivities, s: float) -> Sensitivities:
     initial state to the other side of a reversal or of backlash."""
     linear = at.linear_model()
     kept, left = at.shooting.record.selected_windows, linear.chi2(s)
-    far = left > BAD_WINDOW_RATIO * linear.normal_equations(s).degrees_of_freedom
+    far = left > FIT.bad_window_ratio * linear.normal_equations(s).degrees_of_freedom
     if not far.any():
         return at
     begun = at.point.initial_states.copy()
     begun[kept[far]] = at.shooting.measured_initial_states(at.point.p)[kept[far]]
     again = at.at_point(at.point.with_initial_states(begun)).linear_model()
-    stays = again.chi2(s) > left - LARGEST_CHI2_RISE
+    stays = again.chi2(s) > left - FIT.largest_chi2_rise
     begun[kept[stays]] = at.point.initial_states[kept[stays]]
     return at.at_point(at.point.with_initial_states(begun)) if (far & ~stays).any() else at
 
@@ -114,7 +111,7 @@ def try_point(
     trial = at.at_point(point)
     there = trial.linear_model()
     left = [one.chi2(s) for one in (linear, there)]
-    worse = at.shooting.record.selected_windows[left[1] > left[0] + LARGEST_CHI2_RISE]
+    worse = at.shooting.record.selected_windows[left[1] > left[0] + FIT.largest_chi2_rise]
     if not len(worse):
         return trial, there
     begun = point.initial_states.copy()
@@ -163,7 +160,9 @@ def compute_prior_widths(at: Sensitivities, free: NDArray[np.intp], point: Opera
     prior = at.candidates.spike_widths
     described = list(at.shooting.arm.parameters.described.values())
     broad = np.array([is_scale_free(described[at.candidates.columns[k].index]) for k in free], bool)
-    prior[free] = np.where(broad, np.maximum(np.abs(at.candidates.to_theta(point.p)[free]), SLAB_WIDTH), SLAB_WIDTH)
+    prior[free] = np.where(
+        broad, np.maximum(np.abs(at.candidates.to_theta(point.p)[free]), CANDIDATES.slab_width), CANDIDATES.slab_width
+    )
     return prior
 
 

@@ -21,11 +21,9 @@ from functools import cached_property
 import numpy as np
 
 from hdagen.arm.arrays import Array
+from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 
 ROUNDING_FLOOR = 1e-12  # of terms that cancel: the rounding error of their sum
-STATE_RIDGE = 1e-10  # added to an initial state that a window does not determine
-SCALE_EXPONENT = 1.0  # exponent of the scale in a window's misfit beyond chance; Huber's weights would take 0.5
-CHI2_ALLOWANCE = 3.0  # standard deviations of chi² that a window may exceed its expectation by chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +48,7 @@ class EliminatedStates:
         """Eliminate the initial states from the cross products (W, C, C) of [S | B | J], S having m columns and B
         having k."""
         A = products[:, :m, :m].copy()
-        A[:, range(m), range(m)] += STATE_RIDGE * (A[:, range(m), range(m)] + 1.0)
+        A[:, range(m), range(m)] += LIKELIHOOD.state_ridge * (A[:, range(m), range(m)] + 1.0)
         L = np.asarray(np.linalg.cholesky(A), float)
         first = np.linalg.solve(L, products[:, :m, m:])
         left = products[:, m : m + k, m:] - first[..., :k].swapaxes(1, 2) @ first
@@ -386,8 +384,8 @@ def compute_window_scales(left: Array, freedom: Array) -> Array:
         freedom: their degrees of freedom.
 
     """
-    chance = freedom * (1.0 + CHI2_ALLOWANCE * np.sqrt(2.0 / freedom))
-    return np.asarray(np.maximum(left / chance, 1.0) ** SCALE_EXPONENT)
+    chance = freedom * (1.0 + LIKELIHOOD.chi2_allowance * np.sqrt(2.0 / freedom))
+    return np.asarray(np.maximum(left / chance, 1.0) ** LIKELIHOOD.scale_exponent)
 
 
 @dataclass(frozen=True, eq=False)

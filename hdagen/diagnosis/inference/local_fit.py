@@ -17,14 +17,16 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
-from hdagen.diagnosis.inference.candidate_priors import NUISANCE_LIMIT, CandidateSet
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
+from hdagen.diagnosis.inference.fit_settings import FIT
 from hdagen.diagnosis.inference.gauss_newton import (
-    LEAST_EVIDENCE_STEP,
     compute_hypothesis_widths,
     descend_gauss_newton,
     move_to_theta,
     try_point,
 )
+from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.linear_gaussian import TotalNormalEquations
 from hdagen.diagnosis.inference.marginal_likelihood import (
     Posterior,
@@ -35,21 +37,11 @@ from hdagen.diagnosis.inference.marginal_likelihood import (
 )
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import (
-    LIKELIHOOD_TEMPERATURE,
     OperatingPoint,
     Sensitivities,
     compute_sensitivities,
     count_torque_steps,
     select_columns,
-)
-
-SUBSET_MARGIN = 2  # a subset is evaluated if it has fewer effects than this, or lacks fewer than this
-MISFIT_OF_TEMPERATURE = 100.0  # log evidence still to be gained, for each multiple of the least temperature
-STIFF_TORQUE_SHARE = (
-    0.1  # of the unexplained torque, that a step allows first: all of it would replace the parameters' own change
-)
-LARGE_NOISE_LEVEL = (
-    2.0  # squared noise scale from which a step allows all of it first: no parameter explains most of the misfit
 )
 
 
@@ -88,7 +80,7 @@ class Fit:
         """The hypothesis and its subsets. Each subset costs a simulation, so of many effects only sets that have nearly
         all or nearly none of them are listed."""
         many = len(self.effects)
-        counts = sorted({count for count in range(many + 1) if min(count, many - count) < SUBSET_MARGIN})
+        counts = sorted({count for count in range(many + 1) if min(count, many - count) < FIT.subset_margin})
         return [some for count in counts for some in combinations(self.effects, count)]
 
     @property
@@ -113,7 +105,7 @@ class Fit:
         summed, overrated = self.summary or (self._total_equations, self._prediction_errors)
         return (
             self._evidence_of(summed, atoms, temperature)
-            - 0.5 * overrated[atoms] * LIKELIHOOD_TEMPERATURE / temperature
+            - 0.5 * overrated[atoms] * LIKELIHOOD.likelihood_temperature / temperature
         )
 
     def predicted_evidence(self, atoms: tuple[int, ...]) -> float:
@@ -126,7 +118,7 @@ class Fit:
             The log evidence.
 
         """
-        return self._evidence_of(self._total_equations, atoms, LIKELIHOOD_TEMPERATURE)
+        return self._evidence_of(self._total_equations, atoms, LIKELIHOOD.likelihood_temperature)
 
     def optimum_with(self, atoms: tuple[int, ...]) -> Array:
         """Predict the optimum of any hypothesis by the linear model at this point.
@@ -138,7 +130,7 @@ class Fit:
             θ (P).
 
         """
-        return self._posterior_of(self._total_equations, atoms, LIKELIHOOD_TEMPERATURE).mean
+        return self._posterior_of(self._total_equations, atoms, LIKELIHOOD.likelihood_temperature).mean
 
     def _evidence_of(self, summed: TotalNormalEquations, atoms: tuple[int, ...], temperature: float) -> float:
         found, prior = (
@@ -182,12 +174,12 @@ class Fit:
     def temperature(self) -> float:
         """Temperature of the likelihood in a decision. Another model might explain the remaining misfit, so an effect
         must gain a share of it."""
-        return LIKELIHOOD_TEMPERATURE * self.misfit_temperature
+        return LIKELIHOOD.likelihood_temperature * self.misfit_temperature
 
     @property
     def misfit_temperature(self) -> float:
         """That temperature in multiples of the least."""
-        return max(1.0, (self.noise_only_evidence - self.evidence_here) / MISFIT_OF_TEMPERATURE)
+        return max(1.0, (self.noise_only_evidence - self.evidence_here) / FIT.misfit_of_temperature)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -243,7 +235,7 @@ def refit_without(fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit:
     p = fit.sensitivities.point.p.copy()
     for c in words.columns:
         if c.candidate in fit.effects and c.candidate not in atoms:
-            most = NUISANCE_LIMIT * c.spike_width * abs(c.unit)
+            most = CANDIDATES.nuisance_limit * c.spike_width * abs(c.unit)
             p[c.index] = min(max(p[c.index], c.center - most), c.center + most)
     point = OperatingPoint(
         fit.sensitivities.shooting.arm.parameters.clip_to_bounds(p), fit.sensitivities.point.initial_states
@@ -331,7 +323,7 @@ def rescale_spikes(fit: Fit, share: float) -> Fit:
     if fit.summary is None:
         return _score_fit(at, fit.effects, fit.score.posterior.s)
     other = replace(fit, sensitivities=at, has_converged=False)
-    found = other._posterior_of(fit.summary[0], fit.effects, LIKELIHOOD_TEMPERATURE)
+    found = other._posterior_of(fit.summary[0], fit.effects, LIKELIHOOD.likelihood_temperature)
     evidence = found.evidence_paid_by(
         compute_hypothesis_widths(at, fit.effects), at.candidates.hypothesis_columns(fit.effects)
     )
@@ -366,11 +358,11 @@ def advance_fit(fit: Fit, words: CandidateSet) -> Fit:
 
 def _advance_unconverged(fit: Fit, words: CandidateSet) -> Fit:
     """Take one step of a fit that has not converged."""
-    if fit.predicted_gain < LEAST_EVIDENCE_STEP * fit.misfit_temperature:
+    if fit.predicted_gain < FIT.least_evidence_step * fit.misfit_temperature:
         return replace(fit, has_converged=True)
     tried: list[Fit] = []
-    shares = [STIFF_TORQUE_SHARE, 1.0]
-    if fit.score.posterior.noise_level > LARGE_NOISE_LEVEL:
+    shares = [FIT.stiff_torque_share, 1.0]
+    if fit.score.posterior.noise_level > FIT.large_noise_level:
         shares.reverse()
     for share in shares:
         there = descend_gauss_newton(fit.sensitivities, fit.effects, fit.score, share)
@@ -381,14 +373,14 @@ def _advance_unconverged(fit: Fit, words: CandidateSet) -> Fit:
                     there.shooting, words, fit.effects, there.point, fit.score.posterior.s, fit.noise_only_evidence
                 )
             )
-            if tried[-1].score.evidence >= fit.score.evidence + LEAST_EVIDENCE_STEP * fit.misfit_temperature:
+            if tried[-1].score.evidence >= fit.score.evidence + FIT.least_evidence_step * fit.misfit_temperature:
                 break
     best = max(tried, key=lambda one: one.score.evidence, default=fit)
     gain = best.score.evidence - fit.score.evidence
     if best is fit or best.score.evidence <= fit.evidence_here:
         fit.sensitivities.cross_products.drop_caches()
         return replace(fit, has_converged=True)
-    return replace(best, has_converged=abs(gain) < LEAST_EVIDENCE_STEP * fit.misfit_temperature)
+    return replace(best, has_converged=abs(gain) < FIT.least_evidence_step * fit.misfit_temperature)
 
 
 def _linearize_at(

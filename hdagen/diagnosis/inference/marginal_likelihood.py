@@ -26,7 +26,9 @@ from scipy.special import ndtr
 
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.inference.bounded_least_squares import Bounds, solve_box_qp
-from hdagen.diagnosis.inference.candidate_priors import SLAB_WIDTH, CandidateSet
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
+from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.linear_gaussian import (
     ROUNDING_FLOOR,
     LinearModel,
@@ -35,11 +37,7 @@ from hdagen.diagnosis.inference.linear_gaussian import (
 )
 from hdagen.support.parallel import map_in_threads
 
-TORQUE_GRID = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 41)])  # sizes s, in units of unexplained torque
-COARSE_STRIDE = 8  # stride of a coarse search over them
-REFINING_STRIDES = 2, 1  # strides of a fine search, one after the other
-MOST_REWEIGHTINGS = 12  # reweightings of the windows at most
-SCALE_TOLERANCE = 0.05  # change of log κ² below which the scales have converged
+TORQUE_GRID = np.concatenate([[0.0], np.geomspace(*LIKELIHOOD.torque_grid_ends, LIKELIHOOD.torque_grid_size)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,10 +113,12 @@ def compute_posteriors(
     """
     sizes = TORQUE_GRID[min(int(np.searchsorted(TORQUE_GRID, linear.least_torque)), len(TORQUE_GRID) - 1) :]
     if near is None:
-        return map_in_threads(lambda s: solve_with_scales(linear, spike, s, bounds), sizes[::COARSE_STRIDE].tolist())
+        return map_in_threads(
+            lambda s: solve_with_scales(linear, spike, s, bounds), sizes[:: LIKELIHOOD.coarse_stride].tolist()
+        )
     here = int(np.argmin(np.abs(sizes - near)))
     made = {here: solve_with_scales(linear, spike, sizes[here], bounds)}
-    for step in (sign * stride for stride in REFINING_STRIDES for sign in (-1, 1)):
+    for step in (sign * stride for stride in LIKELIHOOD.refining_strides for sign in (-1, 1)):
         while 0 <= here + step < len(sizes):
             if here + step not in made:
                 made[here + step] = solve_with_scales(linear, spike, sizes[here + step], bounds)
@@ -153,10 +153,10 @@ def solve_with_scales(
         about = reduced.centered_at(center)
     if bounds is not None:
         within = bounds[0] - center, bounds[1] - center
-    for _ in range(MOST_REWEIGHTINGS):
+    for _ in range(LIKELIHOOD.most_reweightings):
         found = solve_at_scales(about, width, float(s), kappa2, within)
         old, kappa2 = kappa2, reduced.window_scales(found.mean + center)
-        if np.abs(np.log(kappa2 / old)).max() < SCALE_TOLERANCE:
+        if np.abs(np.log(kappa2 / old)).max() < LIKELIHOOD.scale_tolerance:
             break
     return replace(found, mean=found.mean + center)
 
@@ -234,7 +234,7 @@ def _factorize_with_identity(M: Array) -> Array:
     return np.asarray(factor)
 
 
-def compute_evidence_gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB_WIDTH) -> float:
+def compute_evidence_gain(at: Posterior, spike: Array, free: Array, slab: float = CANDIDATES.slab_width) -> float:
     """Compute the log evidence that freeing some columns adds.
 
     Source: Dickey, Ann. Math. Stat. 42 (1971) 204.
@@ -261,7 +261,7 @@ def compute_evidence_gain(at: Posterior, spike: Array, free: Array, slab: float 
 
 
 def compute_presence_probability(
-    at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds, slab: float = SLAB_WIDTH
+    at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds, slab: float = CANDIDATES.slab_width
 ) -> float:
     """Compute the probability that at least one freed column is large, each column by itself. A column that the log
     does not determine keeps its prior probability.

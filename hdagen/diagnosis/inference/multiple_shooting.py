@@ -35,6 +35,7 @@ from hdagen.arm.ratings import compute_rated_torsion, compute_torque_per_input
 from hdagen.diagnosis.data.required_torque import compute_required_torque
 from hdagen.diagnosis.data.split import Mask
 from hdagen.diagnosis.data.windows import WindowedRecord
+from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.prediction.measurement_model import (
     Rows,
     count_mechanical_states,
@@ -46,16 +47,7 @@ from hdagen.prediction.measurement_model import (
 )
 from hdagen.support.parallel import THREAD_COUNT, map_in_threads
 
-INITIAL_TORSION_LIMIT = (
-    0.7  # of the torsion at which the spring law ends: the largest torsion that a window begins with
-)
 WORKSPACE_BYTES = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
-SEQUENTIAL_ROLLOUTS = 2  # lanes that run faster one by one than in a vector
-TORQUE_QUANTILE, TORQUE_MARGIN = (
-    0.999,
-    1.5,
-)  # quantile of the required torque, and the factor by which a lane may exceed it
-MOST_CACHED_INPUTS = 4  # effective inputs that are kept for the next lanes
 DRIVE_QUANTITIES = {"motor_current", "motor_torque"}  # readings that depend on inputs alone
 DRIVE_AND_POSITION_QUANTITIES = DRIVE_QUANTITIES | {
     "motor_position",
@@ -174,7 +166,8 @@ class MultipleShooting:
         self.state_limits = get_state_limits(self.arm)
         self.gains = compute_torque_per_input(self.arm)
         self.torsion_limits = (
-            INITIAL_TORSION_LIMIT * compute_rated_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
+            LIKELIHOOD.initial_torsion_limit
+            * compute_rated_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
         )
         self.input_cache: dict[bytes, tuple[Array, Array]] = {}
         effects, whole = self.arm.manifest["effects"], ("amplitudes", "shapes")
@@ -188,7 +181,7 @@ class MultipleShooting:
         step was checked by the build and is always short enough."""
         torque = np.abs(compute_required_torque(self.arm, self.record).torque)
         return self.arm.stability.longest_step_under_load(
-            self.arm, TORQUE_MARGIN * np.quantile(torque, TORQUE_QUANTILE, axis=0)
+            self.arm, LIKELIHOOD.torque_margin * np.quantile(torque, LIKELIHOOD.torque_quantile, axis=0)
         )
 
     def _arm_with(self, p: Array) -> Arm:
@@ -271,7 +264,7 @@ class MultipleShooting:
     def _split_into_groups(self, lanes: list[int]) -> list[list[int]]:
         """Split lanes into groups of about one size that run at once."""
         most = self.width
-        if len(lanes) <= SEQUENTIAL_ROLLOUTS:
+        if len(lanes) <= LIKELIHOOD.sequential_rollouts:
             most = 1
         return [group.tolist() for group in np.array_split(lanes, -(-len(lanes) // most))]
 
@@ -374,7 +367,7 @@ class MultipleShooting:
             found = arm.apply_input_stage(self.command, self.steps, self.record.initial_input)
             measured = [j - 1 for j in self.record.joints_without_command]
             found[0][:, measured] = self.command[:, measured]
-            if len(self.input_cache) >= MOST_CACHED_INPUTS:
+            if len(self.input_cache) >= LIKELIHOOD.most_cached_inputs:
                 self.input_cache.clear()
             self.input_cache[key] = found
         return found

@@ -18,21 +18,9 @@ from hdagen.arm.arrays import Array
 from hdagen.diagnosis.data.windows import measure_usual_torque
 from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet, Column
+from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
-
-TORQUE_STEPS = 16  # steps of unexplained torque in a window, shared by all motors and links: bounds time and memory
-FEWEST_TORQUE_STEPS, FEWEST_ROWS_OF_STEP = 2, 3  # steps for each motor or link, and rows in a step, at least
-IMPULSES_OF_STEP = 5  # impulses on a link in a step
-TORQUE_UNIT_SHARE = 0.02  # of the usual motor torque: unit of unexplained torque
-INITIAL_STATE_STEP = 3.0  # standard deviations of noise by which an initial position is moved
-LIKELIHOOD_TEMPERATURE = (
-    12.0  # of the likelihood, in fits and decisions: local optima of one log differ by as much log evidence
-)
-LEAST_VISIBLE_CHANGE = (
-    1e-3  # standard deviations of noise by which a typical size moves a channel that shows the effect
-)
-REACTION_TIME = 0.01  # s, in which a moved initial velocity moves its position by START standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +59,7 @@ class Sensitivities:
     residual: Array
     k: int
 
-    def linear_model(self, temperature: float = LIKELIHOOD_TEMPERATURE) -> LinearModel:
+    def linear_model(self, temperature: float = LIKELIHOOD.likelihood_temperature) -> LinearModel:
         """Build the linear model, with the residual extrapolated to nominal parameters.
 
         Args:
@@ -88,7 +76,7 @@ class Sensitivities:
         one = self.batch_residuals([self.point], self.residual[None])
         least = measure_input_uncertainty(self.shooting)
         return LinearModel(
-            self.cross_products, one.z[0], one.r2[0], one.rows, one.theta[0], LIKELIHOOD_TEMPERATURE, least
+            self.cross_products, one.z[0], one.r2[0], one.rows, one.theta[0], LIKELIHOOD.likelihood_temperature, least
         )
 
     def batch_residuals(self, points: Sequence[OperatingPoint], residuals: Array) -> ResidualBatch:
@@ -109,7 +97,12 @@ class Sensitivities:
         begins = self.window_edges[:-1]
         told = np.add.reduceat(((record.noise / record.sample_noise) ** 2).reshape(-1), begins)
         return ResidualBatch(
-            self.cross_products, z, np.add.reduceat(r**2, begins, axis=1), told, theta, LIKELIHOOD_TEMPERATURE
+            self.cross_products,
+            z,
+            np.add.reduceat(r**2, begins, axis=1),
+            told,
+            theta,
+            LIKELIHOOD.likelihood_temperature,
         )
 
     @property
@@ -219,7 +212,7 @@ def weigh_residual(shooting: MultipleShooting, seen: Array) -> Array:
 
 def _is_visible(column: Array) -> bool:
     """Tell whether a typical size moves a channel somewhere by more than rounding does."""
-    return bool(np.abs(column).max(initial=0.0) > LEAST_VISIBLE_CHANGE)
+    return bool(np.abs(column).max(initial=0.0) > LIKELIHOOD.least_visible_change)
 
 
 def measure_torque_units(shooting: MultipleShooting) -> Array:
@@ -234,7 +227,7 @@ def measure_torque_units(shooting: MultipleShooting) -> Array:
     """
     arm = shooting.arm
     friction = [arm.parameters.described[f"coulomb_friction_{j}"].nominal for j in range(1, arm.n + 1)]
-    return TORQUE_UNIT_SHARE * np.maximum(
+    return LIKELIHOOD.torque_unit_share * np.maximum(
         np.maximum(measure_usual_torque(arm, shooting.record), 0.1 * np.array(friction)), 1e-6
     )
 
@@ -266,7 +259,8 @@ def count_torque_steps(shooting: MultipleShooting) -> int:
     arm, record = shooting.arm, shooting.record
     rows = int((record.ends - record.starts).min())
     return max(
-        min(TORQUE_STEPS // (arm.n + len(arm.manifest["flexible"])), rows // FEWEST_ROWS_OF_STEP), FEWEST_TORQUE_STEPS
+        min(LIKELIHOOD.torque_steps // (arm.n + len(arm.manifest["flexible"])), rows // LIKELIHOOD.fewest_rows_of_step),
+        LIKELIHOOD.fewest_torque_steps,
     )
 
 
@@ -378,9 +372,9 @@ def _initial_state_steps(shooting: MultipleShooting) -> list[float]:
             own = noise.get(("joint_position", int(j)), 0.0) * ratio
         elif not own:
             own = noise.get(("motor_position", int(j)), 0.0) / ratio
-        size = INITIAL_STATE_STEP * own
+        size = LIKELIHOOD.initial_state_step * own
         if quantity != "position":
-            size = size / REACTION_TIME
+            size = size / LIKELIHOOD.reaction_time
         found.append(size)
     return found
 
@@ -402,7 +396,7 @@ def _step_torques(shooting: MultipleShooting, point: OperatingPoint) -> list[Rol
         unit = units[j - 1] * abs(arm.parameters[f"ratio_{j}"])
         for first, end in zip(edges[:, :-1].T, edges[:, 1:].T, strict=True):
             impulse = np.zeros((len(record.time), arm.n))
-            rows = np.linspace(first, end, IMPULSES_OF_STEP, endpoint=False, axis=1).astype(int)
+            rows = np.linspace(first, end, LIKELIHOOD.impulses_of_step, endpoint=False, axis=1).astype(int)
             kicks = 1 + np.count_nonzero(np.diff(rows), axis=1)
             impulse[rows, j - 1] = (unit * (elapsed[end] - elapsed[first]) / kicks)[:, None]
             lanes.append(Rollout(point.p, point.initial_states, impulse=impulse))

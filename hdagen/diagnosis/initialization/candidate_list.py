@@ -7,14 +7,8 @@ from collections.abc import Collection, Sequence
 
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.inference.candidate_priors import (
-    COLUMN_STEP,
-    SILENT_SPIKE_WIDTH,
-    SPIKE_SCALES,
-    Candidate,
-    CandidateSet,
-    Column,
-)
+from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.initialization.initial_guess import InitialGuess
 
 
@@ -78,9 +72,9 @@ def _make_column(q: Parameter, index: int, atom: int, first: bool, suggested: In
     if not base and q.low > 0:  # an effect that cannot be 0 is absent at its lower bound
         nominal = q.low
     everywhere = (q.everywhere or q.typical) / q.typical
-    spike, step, seen = SILENT_SPIKE_WIDTH, COLUMN_STEP, 0.0
+    spike, step, seen = CANDIDATES.silent_spike_width, CANDIDATES.column_step, 0.0
     if first:
-        spike = math.hypot(q.tolerance * abs(nominal) / unit, SPIKE_SCALES[0] * everywhere)
+        spike = math.hypot(q.tolerance * abs(nominal) / unit, CANDIDATES.spike_scales[0] * everywhere)
     if name in suggested.column_steps:
         step = suggested.column_steps[name] / unit
     if first and name in suggested.values:

@@ -21,6 +21,7 @@ from hdagen.diagnosis.data.required_torque import compute_required_torque
 from hdagen.diagnosis.data.split import LogPortion, Mask
 from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.bounded_least_squares import Bounds, solve_box_qp
+from hdagen.diagnosis.initialization.encoder_regression_settings import ENCODER_REGRESSION
 from hdagen.log.channel_statistics import UniformGrid
 
 KINEMATIC_ORDERS = (
@@ -28,14 +29,7 @@ KINEMATIC_ORDERS = (
     (2, "twice"),
     (4, "four"),
 )  # orders of the kinematic error, with the words of its parameters
-LEAST_LOAD_SHARE = 0.1  # of its usual torque, from which a joint's torque has a certain sign
-REGRESSION_REWEIGHTINGS = 6  # reweightings of the rows
-WALL_TAIL_GRID = np.geomspace(0.002, 0.3, 60)  # shares of the rows beyond a wall: one wall is tried for each
-WALL_REFINEMENT = 41  # angles tried between the neighbours of the best one
-LARGEST_WAVE = 4.0  # typical sizes: largest eccentricity or kinematic error that the regression finds
-COLUMN_RIDGE = 1e-10  # of a column's square: ridge for columns that a hardly moving joint does not separate
-LARGEST_WALL_MISFIT = 0.7  # of the summed residual torque, that a wall must leave at most
-TORSION_LAW_POINTS = 401  # of the torsion law
+WALL_TAIL_GRID = np.geomspace(*ENCODER_REGRESSION.wall_tail_ends, ENCODER_REGRESSION.wall_tail_count)
 
 
 @dataclass(frozen=True)
@@ -127,7 +121,7 @@ def read_encoder_differences(arm: Arm, record: WindowedRecord) -> list[EncoderDi
         tau = torque[:, j - 1]
         theta, read = (np.interp(grid.time, log.time, log[f"{side}_position_{j}"]) for side in ("motor", "joint"))
         terms = {name: term for name, term in _encoder_terms(j, theta, q, v, tau).items() if name in described}
-        loaded = shown & (np.abs(tau) > LEAST_LOAD_SHARE * float(np.sqrt(np.mean(tau[shown] ** 2))))
+        loaded = shown & (np.abs(tau) > ENCODER_REGRESSION.least_load_share * float(np.sqrt(np.mean(tau[shown] ** 2))))
         twist = theta / arm.parameters[f"ratio_{j}"] - read
         borne = np.stack([np.interp(tau, *_torsion_law(arm, j)), tau, grid.differentiate(tau)], 1)
         parameters = tuple(described[name] for name in terms)
@@ -175,7 +169,7 @@ def estimate_from_encoders(arm: Arm, record: WindowedRecord) -> list[EncoderEsti
 
 def _torsion_law(arm: Arm, j: int) -> tuple[Array, Array]:
     """Return rising torques at joint j and the torsion of each by the robot file's law."""
-    torque = np.linspace(-1.0, 1.0, TORSION_LAW_POINTS)[:, None] * compute_rated_torque(arm)
+    torque = np.linspace(-1.0, 1.0, ENCODER_REGRESSION.torsion_law_points)[:, None] * compute_rated_torque(arm)
     return torque[:, j - 1], arm.evaluate("torsion", joint_torque=torque)["torsion"][:, j - 1]
 
 
@@ -191,11 +185,13 @@ def _find_walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str
         toward, pushed, most = sign * angle, sign * torque, float(np.abs(torque).sum())
         tried = np.quantile(toward, 1.0 - WALL_TAIL_GRID)
         best, *_ = _choose_wall_angle(tried, toward, pushed)
-        between = np.linspace(tried[min(best + 1, len(tried) - 1)], tried[max(best - 1, 0)], WALL_REFINEMENT)
+        between = np.linspace(
+            tried[min(best + 1, len(tried) - 1)], tried[max(best - 1, 0)], ENCODER_REGRESSION.wall_refinement
+        )
         best, stiffness, missed = _choose_wall_angle(
             between, toward, pushed
         )  # few rows tell of the way into a hard wall
-        if missed < LARGEST_WALL_MISFIT * most and stiffness > usual:
+        if missed < ENCODER_REGRESSION.largest_wall_misfit * most and stiffness > usual:
             sizes[name], shapes[f"contact_{side}_{j}"] = stiffness, float(sign * between[best])
     return sizes, shapes
 
@@ -255,7 +251,7 @@ def _coefficient_bounds(terms: Sequence[Parameter], columns: Array) -> Bounds:
     for k, q in enumerate(terms):
         reach = np.inf
         if q.name.startswith(("eccentricity", "kinematic")):
-            reach = LARGEST_WAVE * (q.typical or 0.0)
+            reach = ENCODER_REGRESSION.largest_wave * (q.typical or 0.0)
         low[k], high[k] = max(q.low, -reach), min(q.high, reach)
     return low, high
 
@@ -264,10 +260,10 @@ def _regress_robustly(matrix: Array, sought: Array, bounds: Bounds) -> Array:
     """Regress ``sought`` on the columns of ``matrix`` within ``bounds``, with outlying rows given less weight."""
     scale = np.maximum(np.abs(matrix).max(0), 1e-300)
     matrix, weight, (low, high) = matrix / scale, np.ones(len(sought)), bounds
-    for _ in range(REGRESSION_REWEIGHTINGS):
+    for _ in range(ENCODER_REGRESSION.regression_reweightings):
         weighed, told = matrix * weight[:, None], sought * weight
         free = np.asarray(np.linalg.lstsq(weighed, told, rcond=1e-9)[0], float)
-        H = weighed.T @ weighed + COLUMN_RIDGE * len(sought) * np.eye(len(scale))
+        H = weighed.T @ weighed + ENCODER_REGRESSION.column_ridge * len(sought) * np.eye(len(scale))
         found = solve_box_qp(H, weighed.T @ told, free, (low * scale, high * scale))
         left = sought - matrix @ found
         weight = 1.0 / np.sqrt(1.0 + (left / max(2.0 * float(np.median(np.abs(left))), 1e-300)) ** 2)

@@ -16,23 +16,20 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.windows import WindowedRecord, measure_usual_torque
 from hdagen.diagnosis.initialization.encoder_regression import estimate_from_encoders
+from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
 from hdagen.prediction.measurement_model import read_joint_angles
 
-WALL_TAIL_SHARES = (0.005, 0.03, 0.1, 0.25)  # shares of the rows beyond a wall: one wall is tried for each
-INPUT_SIZE_GRID = np.geomspace(0.1, 10.0, 25)  # of an input effect, in typical sizes
-INPUT_SHARE_GRID = np.linspace(0.1, 1.0, 19)  # of an input effect's size, that are tried beside a second input effect
+INPUT_SIZE_GRID = np.geomspace(*INITIALIZATION.input_size_ends, INITIALIZATION.input_size_count)
+INPUT_SHARE_GRID = np.linspace(*INITIALIZATION.input_share_ends, INITIALIZATION.input_share_count)
 SCANNED_AT_GUESS = (
     "sensor_delay",
     "backlash_angle",
 )  # parameters that the encoders give well enough to step by that size
-FRICTION_SHARE = 0.25  # of the usual input: typical dry friction where the robot file states none
 FRICTION_BY_UNIT = {
     "N m": "coulomb_friction",
     "N m s/rad": "viscous_friction",
     "N m s²/rad²": "viscous_friction",
 }  # by unit
-LEAST_SCANNED_GUESS = 0.1  # typical sizes, from which such a step is used
-LARGEST_ERROR_RATIO = 0.99  # of the input's error without the effect: a size with a smaller error is suggested
 
 
 @dataclass(frozen=True)
@@ -61,7 +58,9 @@ def guess_from_log(arm: Arm, record: WindowedRecord) -> InitialGuess:
     """
     twisted = estimate_from_encoders(arm, record)
     seen = {name: value for twist in twisted for name, value in twist.sizes.items()}
-    least = {name: LEAST_SCANNED_GUESS * (q.typical or np.inf) for name, q in arm.parameters.described.items()}
+    least = {
+        name: INITIALIZATION.least_scanned_guess * (q.typical or np.inf) for name, q in arm.parameters.described.items()
+    }
     sized = {name: size for name, size in seen.items() if name.startswith(SCANNED_AT_GUESS) and abs(size) > least[name]}
     shapes = _wall_positions(arm, record)
     for name, value in (pair for twist in twisted for pair in twist.shapes.items()):
@@ -78,7 +77,11 @@ def _friction_units(arm: Arm, record: WindowedRecord) -> dict[str, float]:
         for j in effect["joints"]:
             if effect["place"] != "motor" or not j or not usual[j - 1] > 0.0:
                 continue
-            scale = FRICTION_SHARE * usual[j - 1] / float(described[f"coulomb_friction_{j}"].typical or np.inf)
+            scale = (
+                INITIALIZATION.friction_share
+                * usual[j - 1]
+                / float(described[f"coulomb_friction_{j}"].typical or np.inf)
+            )
             for name in (f"{amplitude}_{j}" for amplitude in effect["amplitudes"]):
                 q = described.get(name)
                 if q is None or not q.typical or q.unit not in FRICTION_BY_UNIT:
@@ -95,8 +98,12 @@ def _wall_positions(arm: Arm, record: WindowedRecord) -> dict[str, tuple[float, 
     for j in range(1, arm.n + 1):
         if f"contact_above_{j}" in arm.parameters.described:
             q = angles[record.visible_rows, j - 1]
-            found[f"contact_above_{j}"] = tuple(float(np.quantile(q, 1 - share)) for share in WALL_TAIL_SHARES)
-            found[f"contact_below_{j}"] = tuple(float(np.quantile(q, share)) for share in WALL_TAIL_SHARES)
+            found[f"contact_above_{j}"] = tuple(
+                float(np.quantile(q, 1 - share)) for share in INITIALIZATION.wall_tail_shares
+            )
+            found[f"contact_below_{j}"] = tuple(
+                float(np.quantile(q, share)) for share in INITIALIZATION.wall_tail_shares
+            )
     return found
 
 
@@ -106,7 +113,7 @@ def _input_effect_sizes(arm: Arm, record: WindowedRecord) -> dict[str, float]:
     return {
         name: value - described[name].nominal
         for _, name, _, value, share in fit_input_effects(arm, record)
-        if share < LARGEST_ERROR_RATIO
+        if share < INITIALIZATION.largest_error_ratio
     }
 
 

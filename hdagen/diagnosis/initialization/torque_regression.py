@@ -26,23 +26,14 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.bounded_least_squares import Bounds, solve_box_qp
-from hdagen.diagnosis.inference.candidate_priors import NUISANCE_LIMIT, SLAB_WIDTH, CandidateSet, is_scale_free
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet, is_scale_free
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.gauss_newton import place_sizes
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
+from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
 from hdagen.support.parallel import map_in_threads
-
-LARGEST_REGRESSED_SET = 4  # effects of a set
-BEAM_WIDTH = 3  # sets of each size that are enlarged
-LARGEST_REMAINING_RATIO = 0.9  # of a balance's residual (rms), that one more effect may leave at most
-DISTANT_SIZE = 2.0  # typical sizes: a larger effect is far from the robot file; a smaller one is found from there
-MOST_REGRESSED_ROWS, REGRESSED_STRETCHES = 6000, 4  # rows of a log that are used, and the number of pieces they come in
-FEWEST_INSTANTS = 50  # instants of a balance
-BALANCE_TOLERANCE = 1e-2  # change of the logarithm of a balance's residual, below which the weights have converged
-BALANCE_REWEIGHTINGS = 5  # reweightings of the balances
-SCALE_FREE_PRECISION = 1e-6  # prior precision of a size that spans orders of magnitude
-LEAST_REGRESSOR_RATIO = 1e-9  # of the residual torque (rms): a smaller column shows nothing of an effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +75,7 @@ class TorqueRegression:
         points = [arm.p, *_stepped_parameters(arm, words)]
         parts = [_balance_torques(arm, part, points) for part in _sample_stretches(record)]
         none, *moved = map(_concatenate_parts, zip(*parts, strict=True))
-        if min(map(len, none)) < FEWEST_INSTANTS:
+        if min(map(len, none)) < INITIALIZATION.fewest_instants:
             return None
         products, steps = [], _regressor_steps(arm, words)
         for b, y in enumerate(none):
@@ -94,29 +85,29 @@ class TorqueRegression:
         free = words.with_active(tuple(range(len(words.members))))
         described = list(arm.parameters.described.values())
         broad = [is_scale_free(described[c.index]) for c in words.columns]
-        precision = np.where(broad, SCALE_FREE_PRECISION, SLAB_WIDTH**-2.0)
+        precision = np.where(broad, INITIALIZATION.scale_free_precision, CANDIDATES.slab_width**-2.0)
         return cls(words, arm, np.stack(products), counts, free.theta_bounds(arm), precision)
 
     def distant_effects(self) -> dict[int, Array]:
-        """Return the sizes θ (C) of each effect by itself, by candidate, where they exceed `DISTANT_SIZE`."""
+        """Return the sizes θ (C) of each effect by itself, by candidate, where they are distant."""
         alone = {k: self.fit_set((k,)).theta for k in self._visible_candidates()}
-        return {k: theta for k, theta in alone.items() if np.abs(theta).max() > DISTANT_SIZE}
+        return {k: theta for k, theta in alone.items() if np.abs(theta).max() > INITIALIZATION.distant_size}
 
     def best_sets(self) -> list[RegressedSet]:
         """Return the best set of each number of effects from two to MOST, the smallest first. They grow as long as one
-        more effect explains much, and contain an effect larger than `DISTANT_SIZE`."""
+        more effect explains much, and contain an effect larger than `INITIALIZATION.distant_size`."""
         shown, beam = self._visible_candidates(), [self.fit_set(())]
         found: list[RegressedSet] = []
-        for _ in range(LARGEST_REGRESSED_SET):
+        for _ in range(INITIALIZATION.largest_regressed_set):
             further: dict[tuple[int, ...], RegressedSet] = {}
             for atoms in (atoms for one in beam for atoms in self._enlarge_set(one.effects, shown)):
                 if atoms not in further:
                     further[atoms] = self.fit_set(atoms)
-            less, beam = beam[0], sorted(further.values(), key=lambda one: one.criterion)[:BEAM_WIDTH]
+            less, beam = beam[0], sorted(further.values(), key=lambda one: one.criterion)[: INITIALIZATION.beam_width]
             if not beam or not self._is_worth_start(beam[0], less):
                 break
             found.append(beam[0])
-        return [one for one in found[1:] if np.abs(one.theta).max() > DISTANT_SIZE]
+        return [one for one in found[1:] if np.abs(one.theta).max() > INITIALIZATION.distant_size]
 
     def _enlarge_set(self, atoms: tuple[int, ...], shown: Sequence[int]) -> Iterator[tuple[int, ...]]:
         """Add each further effect that has a meaning beside a set."""
@@ -141,17 +132,17 @@ class TorqueRegression:
         )
         own = np.array([self.candidates.columns[i].candidate in atoms for i in free], bool)
         precision = np.where(own, self.precision[free], self.candidates.spike_widths[free] ** -2.0)
-        most = np.where(own, np.inf, NUISANCE_LIMIT * self.candidates.spike_widths[free])
+        most = np.where(own, np.inf, CANDIDATES.nuisance_limit * self.candidates.spike_widths[free])
         within = np.clip(self.bounds[0][free], -most, None), np.clip(self.bounds[1][free], None, most)
         N, b, c = self.products[:, free[:, None], free], self.products[:, free, -1], self.products[:, -1, -1]
         theta, left = np.zeros(len(free)), c / self.counts
-        for _ in range(BALANCE_REWEIGHTINGS):
+        for _ in range(INITIALIZATION.balance_reweightings):
             weight, old = 1.0 / np.maximum(left, np.finfo(float).tiny), left
             H, g = np.tensordot(weight, N, 1) + np.diag(precision), weight @ b
             theta = solve_box_qp(H, g, np.asarray(np.linalg.solve(H, g), float), within)
             least = 1e-12 * c
             left = np.maximum(c - 2.0 * b @ theta + np.einsum("i,bij,j->b", theta, N, theta), least) / self.counts
-            if np.abs(np.log(left / old)).max() < BALANCE_TOLERANCE:
+            if np.abs(np.log(left / old)).max() < INITIALIZATION.balance_tolerance:
                 break
         cost = 0.5 * float(self.counts @ np.log(left)) + 0.5 * float((precision * theta**2).sum())
         cost += 0.5 * math.log(float(self.counts.sum())) * int(own.sum())
@@ -162,7 +153,7 @@ class TorqueRegression:
     def _visible_candidates(self) -> list[int]:
         """List the candidates that a balance shows."""
         power = np.einsum("bcc->bc", self.products)
-        shows = (power[:, :-1] > LEAST_REGRESSOR_RATIO**2 * power[:, -1:]).any(0)
+        shows = (power[:, :-1] > INITIALIZATION.least_regressor_ratio**2 * power[:, -1:]).any(0)
         return sorted(
             {c.candidate for c, told in zip(self.candidates.columns, shows, strict=True) if c.candidate >= 0 and told}
         )
@@ -170,7 +161,7 @@ class TorqueRegression:
     def _is_worth_start(self, more: RegressedSet, less: RegressedSet) -> bool:
         """Tell whether one more effect explains enough of a balance to be worth a start."""
         return more.criterion < less.criterion and bool(
-            (more.mean_squares < LARGEST_REMAINING_RATIO**2 * less.mean_squares).any()
+            (more.mean_squares < INITIALIZATION.largest_remaining_ratio**2 * less.mean_squares).any()
         )
 
 
@@ -201,10 +192,10 @@ def begin_sets(regression: TorqueRegression, at: Sensitivities, near: float) -> 
 def _sample_stretches(record: WindowedRecord) -> list[LogPortion]:
     """Take the visible rows of a record; of a long log's, pieces spread all over it."""
     log, pieces = record.log, 1
-    if len(log) > MOST_REGRESSED_ROWS:
-        pieces = REGRESSED_STRETCHES
+    if len(log) > INITIALIZATION.most_regressed_rows:
+        pieces = INITIALIZATION.regressed_stretches
     firsts = np.linspace(0, len(log), pieces, endpoint=False).astype(int)
-    length = min(len(log), MOST_REGRESSED_ROWS // pieces)
+    length = min(len(log), INITIALIZATION.most_regressed_rows // pieces)
     return [LogPortion(log.rows(a, a + length), record.visible_rows[a : a + length]) for a in firsts.tolist()]
 
 

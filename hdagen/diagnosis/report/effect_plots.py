@@ -6,12 +6,14 @@ parameters and all other effects. The curve is the part that the effect adds in 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hdagen.arm.arrays import Array
+from hdagen.diagnosis.report.report_settings import REPORT
 from hdagen.diagnosis.residuals.effect_agreement import measure_agreement
 from hdagen.diagnosis.residuals.localization import ResidualTrace, list_regressors, time_since_reversal, trace_residual
 from hdagen.diagnosis.residuals.regressor_tests import explain_variance
@@ -19,17 +21,6 @@ from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
 from hdagen.diagnosis.residuals.spectra import Spectra
 from hdagen.log.column_map import name_command_channel
 from hdagen.pages.curves import Curve, Panel, Plane, Series, draw_panels, draw_planes
-
-MOST_DRAWN_POINTS = 2500  # of the log that are drawn in one plane
-CURVE_BINS = 60  # of the abscissa, for a curve of means
-FEWEST_POINTS = 5  # points that a bin must have to be drawn
-BIN_GROWTH = 2.5  # exponent of the bins' edges, so that bins are narrow near standstill
-SETTLING_ROWS = 20  # rows of a log in which commands from before it may still act
-SCENE_SECONDS = 0.25  # s, of a stretch of commands and currents
-MOST_DRAWN_REGRESSORS = 3  # regressors that are drawn where no effect is named
-LOOP_SECONDS = 10.0  # s, of torque over torsion: more loops hide each other
-LARGEST_DRAWN_FREQUENCY = 0.1  # of the sampling rate, up to which a response is drawn
-FULL_TURN = 2 * np.pi
 
 SPEED_EFFECTS = (
     "coulomb_friction",
@@ -71,7 +62,7 @@ def _read_load(sight: ResidualTorque, j: int) -> Array:
 
 
 def _wrap_motor_angle(sight: ResidualTorque, j: int) -> Array:
-    return np.asarray(np.mod(sight.read_state("motor_position", j), FULL_TURN))
+    return np.asarray(np.mod(sight.read_state("motor_position", j), math.tau))
 
 
 def _measure_travel(sight: ResidualTorque, joint: int) -> Array:
@@ -100,7 +91,6 @@ FRICTION_ABSCISSAE = {  # the abscissa of friction against the motion, by effect
     "thermal_friction": Abscissa("time (s)", lambda sight, j: sight.time - sight.time[0]),
 }
 ROBOT_FILE_WORDS = "the robot file's"
-LARGEST_DRAWN_TRAVEL = 2.0  # rad, travel of the motor after a reversal that is drawn
 
 
 def draw_effect(sight: ResidualTorque, entry: str, place: str) -> list[str]:
@@ -167,7 +157,7 @@ def _name_residual(seen: ResidualTrace) -> str:
 
 def _draw_points_and_fit(x: Array, y: Array, fit: Array, split: bool = False) -> list[Curve]:
     """Points, their means, and the fit's means, which are drawn as lines; ``split``: apart for each sign of x."""
-    few = np.unique(np.linspace(0, len(x) - 1, min(len(x), MOST_DRAWN_POINTS)).round().astype(int))
+    few = np.unique(np.linspace(0, len(x) - 1, min(len(x), REPORT.most_drawn_points)).round().astype(int))
     return [
         Curve("log", x[few], y[few], draw="points", color="grey", width=1.6),
         Curve("mean of the log", *average_in_bins(x, y, split), color="blue", dash="dashed"),
@@ -192,17 +182,17 @@ def average_in_bins(x: Array, y: Array, split: bool = False) -> tuple[Array, Arr
     low, high = float(x.min()), float(x.max())
     if high <= low:
         return np.array([low]), np.array([float(y.mean())])
-    edges = np.linspace(low, high, CURVE_BINS + 1)
+    edges = np.linspace(low, high, REPORT.curve_bins + 1)
     if split and low < 0 < high:
-        grown = np.linspace(0, 1, CURVE_BINS // 2 + 1) ** BIN_GROWTH
+        grown = np.linspace(0, 1, REPORT.curve_bins // 2 + 1) ** REPORT.bin_growth
         edges = np.unique(np.r_[low * grown, high * grown])
     number = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     count = np.bincount(number, minlength=len(edges) - 1)
     with np.errstate(invalid="ignore", divide="ignore"):
         middle = np.bincount(number, x, len(edges) - 1) / count
         mean = np.bincount(number, y, len(edges) - 1) / count
-    mean[count < FEWEST_POINTS] = np.nan
-    middle = np.where(count < FEWEST_POINTS, (edges[1:] + edges[:-1]) / 2, middle)
+    mean[count < REPORT.fewest_points] = np.nan
+    middle = np.where(count < REPORT.fewest_points, (edges[1:] + edges[:-1]) / 2, middle)
     if split and low < 0 < high:
         at = int(np.searchsorted(edges, 0.0))
         middle, mean = np.insert(middle, at, 0.0), np.insert(mean, at, np.nan)
@@ -225,7 +215,7 @@ def _plot_friction(sight: ResidualTorque, entry: str, joint: int) -> str:
     else:
         label, y_label = "motor angle since the last reversal (rad)", "friction against the motion (N m)"
         x, side = _measure_travel(sight, joint)[ok], sight.direction[ok, j]
-        near = x <= LARGEST_DRAWN_TRAVEL
+        near = x <= REPORT.largest_drawn_travel
         x, side, fit, left, robot = x[near], side[near], fit[near], left[near], robot[near]
     curves = _draw_points_and_fit(x, (fit + left) * side, fit * side, by_speed)
     curves.insert(2, Curve("robot file", *average_in_bins(x, robot * side, by_speed), color="green", dash="dotted"))
@@ -278,11 +268,11 @@ def _plot_torsion_loop(sight: ResidualTorque, entry: str, joint: int) -> str:
             :, None
         ]
     )[:, 0]
-    parts = np.array_split(ok, max(1, round(np.ptp(sight.time[ok]) / LOOP_SECONDS)))
+    parts = np.array_split(ok, max(1, round(np.ptp(sight.time[ok]) / REPORT.loop_seconds)))
     ok = max(parts, key=lambda part: np.ptp(torsion[part]))
     stretch = ""
     if len(parts) > 1:
-        stretch = f", where that goes furthest in {LOOP_SECONDS:g} s"
+        stretch = f", where that goes furthest in {REPORT.loop_seconds:g} s"
     torsion, needed = torsion[ok], sight.link_torque(sight.after)[ok, j]
     curves = [Curve("log", torsion, needed, color="grey", dash="solid", width=5.0)]
     lacks = list[Array]()
@@ -312,7 +302,7 @@ def _plot_response(sight: ResidualTorque, entry: str, joint: int) -> str:
     name = next(n for side in ("motor", "joint") if (n := f"{side}_position_{joint}") in log)
     errors = [sight.on_grid(log[name] - replay.columns[name]) for replay in sight.replays]
     found = [Spectra.from_series(error, period) for error in errors]
-    shown = (found[0].frequency > 0) & (found[0].frequency <= LARGEST_DRAWN_FREQUENCY / period)
+    shown = (found[0].frequency > 0) & (found[0].frequency <= REPORT.largest_drawn_frequency / period)
     drawn = [
         Series("robot file", found[0].density[shown], color="green", dash="dashed"),
         Series("model with the effect", found[1].density[shown], color="vermilion", dash="solid"),
@@ -335,9 +325,9 @@ def _plot_input(sight: ResidualTorque, entry: str, joint: int) -> list[str]:
     name, log = sight.arm.input_names[joint - 1], sight.log
     word, unit = sight.input_word(joint), sight.input_unit(joint)
     command, measured = log[name_command_channel(name)], log[name]
-    rows = max(round(SCENE_SECONDS / log.period), 20)
-    change = np.convolve(np.abs(shown[1] - shown[0])[SETTLING_ROWS:], np.ones(rows), "valid")
-    span = slice(SETTLING_ROWS + int(np.argmax(change)), SETTLING_ROWS + int(np.argmax(change)) + rows)
+    rows = max(round(REPORT.scene_seconds / log.period), 20)
+    change = np.convolve(np.abs(shown[1] - shown[0])[REPORT.settling_rows :], np.ones(rows), "valid")
+    span = slice(REPORT.settling_rows + int(np.argmax(change)), REPORT.settling_rows + int(np.argmax(change)) + rows)
     drawn = [
         Series("command", command[span], color="ink", draw="step", dash="dotted"),
         Series("measured", measured[span], color="grey", dash="solid"),
@@ -348,7 +338,7 @@ def _plot_input(sight: ResidualTorque, entry: str, joint: int) -> list[str]:
         f"{_write_title(entry)}: command and {word}",
         log.time[span],
         [Panel(f"{word} ({unit})", drawn, f"motor {joint}", height=1.8)],
-        caption=f"The {SCENE_SECONDS:g} s in which the effect changes most.",
+        caption=f"The {REPORT.scene_seconds:g} s in which the effect changes most.",
     )
     x, before, after = command, np.zeros(len(command)), shown[1]
     x_label, y_label, hint = f"command ({unit})", f"{word} ({unit})", ""
@@ -357,9 +347,11 @@ def _plot_input(sight: ResidualTorque, entry: str, joint: int) -> list[str]:
         x_label, y_label = f"rate of the command ({unit}/s)", f"measured less undelayed {word} ({unit})"
         hint = "The slope is the delay, s, with its sign reversed. "
     curves = _draw_points_and_fit(
-        x[SETTLING_ROWS:], (measured - before)[SETTLING_ROWS:], (after - before)[SETTLING_ROWS:]
+        x[REPORT.settling_rows :], (measured - before)[REPORT.settling_rows :], (after - before)[REPORT.settling_rows :]
     )
-    alike = measure_agreement((measured - shown[0])[SETTLING_ROWS:], (shown[1] - shown[0])[SETTLING_ROWS:])
+    alike = measure_agreement(
+        (measured - shown[0])[REPORT.settling_rows :], (shown[1] - shown[0])[REPORT.settling_rows :]
+    )
     over = draw_planes(
         f"{_write_title(entry)}: {word} over command",
         [Plane(curves, f"motor {joint}")],
@@ -374,8 +366,10 @@ def _plot_input(sight: ResidualTorque, entry: str, joint: int) -> list[str]:
 def _plot_unknown(sight: ResidualTorque, place: str, joint: int) -> str:
     """The residual that no effect explains, over the three regressors that explain most of it."""
     seen = trace_residual(sight, place, joint, "")
-    best = explain_variance(seen.after, list_regressors(sight, joint, seen.instants))[:MOST_DRAWN_REGRESSORS]
-    few = np.unique(np.linspace(0, len(seen.after) - 1, min(len(seen.after), MOST_DRAWN_POINTS)).round().astype(int))
+    best = explain_variance(seen.after, list_regressors(sight, joint, seen.instants))[: REPORT.most_drawn_regressors]
+    few = np.unique(
+        np.linspace(0, len(seen.after) - 1, min(len(seen.after), REPORT.most_drawn_points)).round().astype(int)
+    )
     figures = ""
     for one in best:
         x, name, unit = one.regressor.values, one.regressor.name, one.regressor.unit

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
-from hdagen.diagnosis.holdout.unexplained_remainder import NAMED_REMAINDER_SHARE
+from hdagen.diagnosis.data.data_settings import DATA
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.report.residual_maps import REPLAY_COLORS
 from hdagen.diagnosis.report.sentences import name_effect
 from hdagen.pages.bar_chart import BarGroup, draw_bars
@@ -90,9 +90,10 @@ def _show_remainders(content: dict[str, Any]) -> list[str]:
             ["", "of the error before (%)", "in multiples of the noise"],
             rows,
             caption=(
-                f"Of the channel of each joint that is explained best. From {100 * NAMED_REMAINDER_SHARE:.0f} % and"
-                f" {SIGNIFICANT_NOISE_MULTIPLE:g} times the noise on, a verdict with named effects says that something"
-                " unknown is at this joint, too; that takes nothing from what is named."
+                "Of the channel of each joint that is explained best. From"
+                f" {100 * HOLDOUT_CHECK.named_remainder_share:.0f} % and"
+                f" {DATA.significant_noise_multiple:g} times the noise on, a verdict with named effects says that"
+                " something unknown is at this joint, too; that takes nothing from what is named."
             ),
         )
     ]

@@ -10,15 +10,18 @@ from typing import Any
 
 from hdagen.adoption.verdict import is_uninformed
 from hdagen.diagnosis.data.split import LogPortion
-from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE
+from hdagen.diagnosis.decision.decision_settings import DECISION
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.report.diagnosis_result import Diagnosis
 from hdagen.diagnosis.report.effect_plots import draw_effect
 from hdagen.diagnosis.report.gap_section import list_gap_levels, show_gap
+from hdagen.diagnosis.report.report_settings import REPORT
 from hdagen.diagnosis.report.residual_maps import draw_residual_maps
 from hdagen.diagnosis.report.sentences import explain_confounding, name_effect, note_calibration, write_verdict
 from hdagen.diagnosis.report.signal_plots import show_signals
+from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
-from hdagen.diagnosis.residuals.whiteness import LJUNG_BOX_LAGS, measure_replay_whiteness
+from hdagen.diagnosis.residuals.whiteness import measure_replay_whiteness
 from hdagen.pages import page
 from hdagen.pages.bar_chart import BarGroup, draw_bars
 from hdagen.pages.curves import Panel, Series, draw_panels
@@ -26,12 +29,7 @@ from hdagen.pages.number_table import draw_table
 from hdagen.pages.page import Section
 from hdagen.prediction.window_replay import REPLAY_WINDOW, Replay
 
-MOST_DRAWN_CANDIDATES = 8  # hypotheses in the figure of probabilities
-LEAST_LISTED_PROBABILITY = 1e-3  # probability below which a hypothesis is not listed
-LEAST_PRINTED_PROBABILITY = 1e-4  # probability below which its value is not printed
-LITTLE_PROBABILITY_WORDS = f"less than {LEAST_PRINTED_PROBABILITY:g}"
-INFORMATIVE_WIDTH_RATIO = 0.5  # posterior by prior width, up to which the data determine a parameter well
-CORRELATION_SECONDS = 0.25  # s, of the correlations of the residuals
+LITTLE_PROBABILITY_WORDS = f"less than {REPORT.least_printed_probability:g}"
 
 
 def write_report(diagnosis: Diagnosis, path: Path, again: str) -> None:
@@ -65,8 +63,10 @@ def write_report(diagnosis: Diagnosis, path: Path, again: str) -> None:
 def _show_candidates(content: dict[str, Any]) -> Section:
     """The hypotheses: on held-out motion, by probability, and the effects that the log shows or would not show."""
     rows = [[_name_effects(h["effects"]) or "none", h["probability"]] for h in content["hypotheses"]]
-    named = min(max(sum(float(r[1]) >= LEAST_LISTED_PROBABILITY for r in rows), 3), 2 * MOST_DRAWN_CANDIDATES)
-    shown = rows[: min(named, MOST_DRAWN_CANDIDATES)]
+    named = min(
+        max(sum(float(r[1]) >= REPORT.least_listed_probability for r in rows), 3), 2 * REPORT.most_drawn_candidates
+    )
+    shown = rows[: min(named, REPORT.most_drawn_candidates)]
     figures = [
         _show_ranking(content),
         draw_bars(
@@ -78,8 +78,8 @@ def _show_candidates(content: dict[str, Any]) -> Section:
     ]
     text = (
         "Every effect of the model was tried on every joint, with the base parameters refitted within their tolerance"
-        f" and every other effect within a small size. An effect below {100 * PRESENT_SIZE:g} % of its usual size"
-        f" counts as none.{_explain_long_horizon(content)}\n\n{explain_confounding(content)}"
+        f" and every other effect within a small size. An effect below {100 * CANDIDATES.present_size:g} % of its usual"
+        f" size counts as none.{_explain_long_horizon(content)}\n\n{explain_confounding(content)}"
     )
     if unseen := content["unseen"]:
         this = "This"
@@ -98,12 +98,12 @@ def _show_hypotheses(rows: list[list[Any]], named: int) -> str:
     if len(rows) > named:
         others = sum(float(r[1]) for r in rows[named:])
         together = LITTLE_PROBABILITY_WORDS
-        if others >= LEAST_PRINTED_PROBABILITY:
+        if others >= REPORT.least_printed_probability:
             together = f"{others:.2g}"
         caption = f"The other {len(rows) - named} hold {together} together."
     listed = [list(row) for row in rows[:named]]
     for row in listed:
-        if float(row[1]) < LEAST_PRINTED_PROBABILITY:
+        if float(row[1]) < REPORT.least_printed_probability:
             row[1] = LITTLE_PROBABILITY_WORDS
     return draw_table("Hypotheses", ["hypothesis", "probability"], listed, caption=caption)
 
@@ -279,7 +279,7 @@ def _make_row(sight: ResidualTorque, name: str, estimate: dict[str, Any]) -> lis
 
 def _say_informed(ratio: float, kept: bool) -> str:
     """How much the data say of a parameter, by posterior over prior width; ``kept`` where it keeps its number."""
-    if ratio < INFORMATIVE_WIDTH_RATIO:
+    if ratio < DECISION.informative_std_ratio:
         return "much"
     if kept:
         return "nothing"
@@ -312,7 +312,7 @@ def _show_control(content: dict[str, Any]) -> list[Section]:
 def _show_whiteness(held: LogPortion, before: Replay, after: Replay) -> Section:
     """The residuals' correlations, which show whether they are noise."""
     count, period = int(held.rows.sum()), held.log.period
-    lags = max(LJUNG_BOX_LAGS, min(round(CORRELATION_SECONDS / period), count // 3))
+    lags = max(EXPLANATION.ljung_box_lags, min(round(REPORT.correlation_seconds / period), count // 3))
     if count <= 2 * lags:
         return Section("What is left", "The held-out motion is too short for a test of whiteness.")
     each = [measure_replay_whiteness(seen, held, lags) for seen in (before, after)]
@@ -341,7 +341,7 @@ def _show_whiteness(held: LogPortion, before: Replay, after: Replay) -> Section:
         "channel",
         "at lag 1, before",
         "at lag 1, after",
-        f"Ljung–Box Q({LJUNG_BOX_LAGS}), before",
+        f"Ljung–Box Q({EXPLANATION.ljung_box_lags}), before",
         "after",
         "p after",
     ]

@@ -6,20 +6,15 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.data_quality.rank_check import find_resolved_orders
+from hdagen.diagnosis.report.report_settings import REPORT
+from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.diagnosis.residuals.localization import ResidualTrace, trace_residual
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
-from hdagen.diagnosis.residuals.spectra import SEGMENT_LENGTH, compare_with_input
+from hdagen.diagnosis.residuals.spectra import compare_with_input
 from hdagen.pages.curves import Panel, Series, draw_panels
 from hdagen.pages.heat_map import draw_heat_map
 
-SPEED_CELLS, LOAD_CELLS = 18, 10  # cells of the map of speed and load
-FEWEST_SAMPLES = 5  # samples that a cell or bin must have to be drawn
-ANGLE_BINS = 72  # bins of a motor turn
-LARGEST_DRAWN_ORDER = 24  # largest order that is drawn, cycles a motor turn
-REVERSAL_MARGIN = 0.15  # s before and after a reversal
-TIME_BINS = 60  # bins of time over the log
 REPLAY_COLORS = {"before": "orange", "after": "blue"}
-COHERENCE_CHANCE = 0.05  # probability that noise alone exceeds the line of coherence
 
 
 def draw_residual_maps(sight: ResidualTorque, joint: int, place: str, entry: str) -> list[str]:
@@ -63,14 +58,14 @@ def _map_speed_load(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> l
     load = sight.link_torque(sight.after)[seen.instants, joint - 1]
     if np.ptp(speed) == 0 or np.ptp(load) == 0:
         return []
-    x, y = (np.linspace(v.min(), v.max(), n + 1) for v, n in ((speed, SPEED_CELLS), (load, LOAD_CELLS)))
+    x, y = (np.linspace(v.min(), v.max(), n + 1) for v, n in ((speed, REPORT.speed_cells), (load, REPORT.load_cells)))
     count, *_ = np.histogram2d(load, speed, (y, x))
     drawn = []
     captions = {"before": "", "after": "Mind the scale: each map has its own."}
     for when, values in (("before", seen.before), ("after", seen.after)):
         squares, *_ = np.histogram2d(load, speed, (y, x), weights=values**2)
         with np.errstate(invalid="ignore", divide="ignore"):
-            cells = np.where(count >= FEWEST_SAMPLES, np.sqrt(squares / count), np.nan)
+            cells = np.where(count >= REPORT.fewest_samples, np.sqrt(squares / count), np.nan)
         figure = draw_heat_map(
             f"{_name_quantity(seen).capitalize()} of joint {joint} over speed and load, {when} the verdict",
             x,
@@ -88,15 +83,17 @@ def _map_speed_load(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> l
 def _plot_over_angle(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> str:
     """Means over the angle within a turn of the motor, with twice their standard error."""
     angle = np.mod(sight.read_state("motor_position", joint)[seen.instants], 2 * np.pi)
-    edges = np.linspace(0, 2 * np.pi, ANGLE_BINS + 1)
-    number = np.clip(np.searchsorted(edges, angle, side="right") - 1, 0, ANGLE_BINS - 1)
-    count = np.bincount(number, minlength=ANGLE_BINS)
+    edges = np.linspace(0, 2 * np.pi, REPORT.angle_bins + 1)
+    number = np.clip(np.searchsorted(edges, angle, side="right") - 1, 0, REPORT.angle_bins - 1)
+    count = np.bincount(number, minlength=REPORT.angle_bins)
     series = []
     for label, values in (("before", seen.before), ("after", seen.after)):
         with np.errstate(invalid="ignore", divide="ignore"):
-            mean = np.bincount(number, values, ANGLE_BINS) / count
-            error = 2 * np.sqrt(np.maximum(np.bincount(number, values**2, ANGLE_BINS) / count - mean**2, 0) / count)
-        mean[count < FEWEST_SAMPLES] = np.nan
+            mean = np.bincount(number, values, REPORT.angle_bins) / count
+            error = 2 * np.sqrt(
+                np.maximum(np.bincount(number, values**2, REPORT.angle_bins) / count - mean**2, 0) / count
+            )
+        mean[count < REPORT.fewest_samples] = np.nan
         series.append(_make_series(label, mean, (mean - error, mean + error)))
     return draw_panels(
         f"{_name_quantity(seen).capitalize()} of joint {joint} over the motor's angle",
@@ -113,7 +110,7 @@ def _plot_over_orders(sight: ResidualTorque, joint: int, seen: ResidualTrace) ->
     Only orders that the motion resolves are fitted; a motion below one turn has no figure.
     """
     angle = sight.read_state("motor_position", joint)[seen.instants]
-    k = np.array(find_resolved_orders(angle, range(1, LARGEST_DRAWN_ORDER + 1)), int)
+    k = np.array(find_resolved_orders(angle, range(1, EXPLANATION.largest_motor_order + 1)), int)
     if not len(k):
         return []
     matrix = np.hstack([np.ones((len(angle), 1)), np.cos(angle[:, None] * k), np.sin(angle[:, None] * k)])
@@ -139,9 +136,9 @@ def _plot_over_frequency(sight: ResidualTorque, joint: int, seen: ResidualTrace)
     density = [_make_series(label, s.density[drawn]) for label, s in both]
     shown, caption = [Panel(f"density ({seen.unit}/√Hz)", density, log=True)], ""
     if inputs.degrees_of_freedom >= 1.0:  # with fewer segments any two series have a high coherence
-        level = 1 - COHERENCE_CHANCE ** (1 / inputs.degrees_of_freedom)
+        level = 1 - REPORT.coherence_chance ** (1 / inputs.degrees_of_freedom)
         coherence = [_make_series(label, s.coherence(inputs)[drawn]) for label, s in both]
-        line = [(level, f"noise alone, {100 * (1 - COHERENCE_CHANCE):.0f} %")]
+        line = [(level, f"noise alone, {100 * (1 - REPORT.coherence_chance):.0f} %")]
         shown.append(Panel("coherence with the motor's input", coherence, levels=line))
         caption = (
             " What goes with the input, in a straight line, has a coherence near 1: a gain, an inertia, a lag. "
@@ -152,7 +149,7 @@ def _plot_over_frequency(sight: ResidualTorque, joint: int, seen: ResidualTrace)
         full[0].frequency[drawn],
         shown,
         x_label="frequency (Hz)",
-        caption=f"{len(inputs.segments)} segments of {SEGMENT_LENGTH:g} s.{caption}",
+        caption=f"{len(inputs.segments)} segments of {EXPLANATION.segment_length:g} s.{caption}",
     )
 
 
@@ -162,7 +159,7 @@ def _plot_about_reversals(sight: ResidualTorque, joint: int, seen: ResidualTrace
     moving = np.flatnonzero(direction)
     turned = moving[1:][np.diff(direction[moving]) != 0]
     period = sight.grid.period
-    reach = max(round(REVERSAL_MARGIN / period), 3)
+    reach = max(round(REPORT.reversal_margin / period), 3)
     index = np.full(len(sight.time), -1)
     index[seen.instants] = np.arange(int(seen.instants.sum()))
     turned = turned[(turned >= reach) & (turned < len(sight.time) - reach)]
@@ -189,15 +186,15 @@ def _plot_about_reversals(sight: ResidualTorque, joint: int, seen: ResidualTrace
 
 def _plot_over_time(sight: ResidualTorque, place: str, entry: str) -> str:
     """Rms over the log, every joint."""
-    shown, edges = [], np.linspace(sight.time[0], sight.time[-1], TIME_BINS + 1)
+    shown, edges = [], np.linspace(sight.time[0], sight.time[-1], REPORT.time_bins + 1)
     for joint in range(1, sight.n + 1):
         seen = trace_residual(sight, place, joint, entry)
-        number = np.clip(np.searchsorted(edges, sight.time[seen.instants], side="right") - 1, 0, TIME_BINS - 1)
-        count = np.bincount(number, minlength=TIME_BINS)
+        number = np.clip(np.searchsorted(edges, sight.time[seen.instants], side="right") - 1, 0, REPORT.time_bins - 1)
+        count = np.bincount(number, minlength=REPORT.time_bins)
         series = []
         for label, values in (("before", seen.before), ("after", seen.after)):
             with np.errstate(invalid="ignore", divide="ignore"):
-                mean = np.sqrt(np.bincount(number, values**2, TIME_BINS) / count)
-            series.append(_make_series(label, np.where(count >= FEWEST_SAMPLES, mean, np.nan)))
+                mean = np.sqrt(np.bincount(number, values**2, REPORT.time_bins) / count)
+            series.append(_make_series(label, np.where(count >= REPORT.fewest_samples, mean, np.nan)))
         shown.append(Panel(f"{_name_quantity(seen)}, rms ({seen.unit})", series, f"joint {joint}"))
     return draw_panels("Where in the log", (edges[1:] + edges[:-1]) / 2 - sight.time[0], shown, share_y=True)

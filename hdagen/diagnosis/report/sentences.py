@@ -5,17 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
-from hdagen.diagnosis.holdout.verdict_withdrawal import LEAST_EXPLAINABLE_GAP
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
+from hdagen.diagnosis.report.report_settings import REPORT
 from hdagen.pages.quantity import format_number
-
-LEAST_MENTIONED_PROBABILITY = 0.01  # probability from which a candidate is spoken of
-MOST_SEPARATED = 4  # candidates that a motion is designed for, where none is named
-MOST_NAMED_ALTERNATIVES = 6  # alternatives of an effect that are named
-NOTABLE_GAP_SHARE = (
-    0.75  # of the gap that is left, below which an effect within tolerance must bring it to be spoken of
-)
-GAP_SAID_IN_UNITS = 1000.0  # multiples of the noise, from which the error is said in its unit, too
 
 
 def write_verdict(content: dict[str, Any]) -> str:
@@ -69,7 +63,7 @@ def _say_gap(content: dict[str, Any]) -> str:
     if content["parameters"] and not content["verdict"]:
         said = "Base parameters within their tolerance take the gap on held-out motion"
     said += f" from {_format_multiple(gap['before'])} to {_format_multiple(gap['after'])} times the noise"
-    if gap["before"] >= GAP_SAID_IN_UNITS:
+    if gap["before"] >= REPORT.gap_said_in_units:
         said += _say_worst_channel(gap)
     if gap["shrink"] is None:
         return said
@@ -166,7 +160,7 @@ def _format_multiple(multiples: float) -> str:
 
 def _say_nuisance_effect(content: dict[str, Any]) -> str:
     """An effect within tolerance that would close much of the rest of the gap."""
-    closer = [one for one in content["tolerated"] if one["gap"] < NOTABLE_GAP_SHARE * content["gap"]["after"]]
+    closer = [one for one in content["tolerated"] if one["gap"] < REPORT.notable_gap_share * content["gap"]["after"]]
     if not closer:
         return ""
     what = name_effect(f"{closer[0]['effect']}@{closer[0]['joint']}")
@@ -208,7 +202,7 @@ def _say_no_effect(content: dict[str, Any]) -> str:
         p = f"{first['probability']:.2f}{note_calibration(content)}"
         return f"No effect above the size that counts was found (probability {p})"
     each, p = _join_effects(first["effects"]), first["probability"]
-    if content["gap"]["before"] < LEAST_EXPLAINABLE_GAP:
+    if content["gap"]["before"] < HOLDOUT_CHECK.least_explainable_gap:
         return f"There is no gap to explain, although the log may have {each} ({p:.2f})"
     none = sum(h["probability"] for h in content["hypotheses"] if not h["effects"])
     return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
@@ -292,7 +286,9 @@ def explain_confounding(content: dict[str, Any]) -> str:
     """
     causes = {f"{c['effect']}@{c['joint']}": c for c in content["causes"]}
     shown = causes.keys() - set(content["unseen"])  # the report says those for themselves
-    likely = [name for name, c in causes.items() if c["probability"] >= LEAST_MENTIONED_PROBABILITY and name in shown]
+    likely = [
+        name for name, c in causes.items() if c["probability"] >= DECISION.least_mentioned_probability and name in shown
+    ]
     named = [name for name in content["verdict"] if name in causes]
     if not named:
         if content["verdict"] and not likely:
@@ -309,7 +305,7 @@ def explain_confounding(content: dict[str, Any]) -> str:
         return (
             f"{text}\n\nWhat would tell {name_effect(likely[0])} from the others:"
             f" {suggest_experiments(likely[0], likely[1:])}\n\n    hdagen excite robot.toml --separate"
-            f" {','.join(likely[:MOST_SEPARATED])}\n\ndesigns a motion that does."
+            f" {','.join(likely[: REPORT.most_separated])}\n\ndesigns a motion that does."
         )
     said = [
         _say_alternatives(name, causes[name]["confounded_with"]) for name in named if causes[name]["confounded_with"]
@@ -324,7 +320,7 @@ def _say_alternatives(name: str, others: Sequence[str]) -> str:
 
     Of many alternatives only the nearest are named: such a motion says little of the effect.
     """
-    few, more = others[:MOST_NAMED_ALTERNATIVES], len(others) - MOST_NAMED_ALTERNATIVES
+    few, more = others[: REPORT.most_named_alternatives], len(others) - REPORT.most_named_alternatives
     said = f"{name_effect(name)[0].upper()}{name_effect(name)[1:]} may also be {', '.join(name_effect(o) for o in few)}"
     if more > 0:
         said += f", or one of {more} others (diagnosis.json has them): this motion tells little of it"

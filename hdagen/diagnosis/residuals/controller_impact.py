@@ -19,19 +19,12 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.control.guarded_controller import Controller, Guard, Safe
 from hdagen.control.reference_motion import Reference, compute_smooth_step
+from hdagen.diagnosis.residuals.controller_impact_settings import CONTROLLER_IMPACT
 from hdagen.log.measured_log import Log
 from hdagen.prediction.measurement_model import read_joint_angles
 from hdagen.simulation.simulator import EnvironmentForce, Simulation, run
 
 CONTROL_LAW = "impedance_joint"
-SAFE_DAMPING = 0.02  # N m s/rad at each motor, once the guard has stopped the arm
-FULL_TORQUE_TIME = 0.005  # s, in which a motor reaches its full torque
-SWING_QUANTILES = 0.2, 0.8  # quantiles of the log's angles: ends of the swing
-SHORTEST_SWING = 1.0  # s, shortest swing there and back
-SWING_COUNT = 2  # swings there and back
-PRESS_DEPTH = 0.01  # m, depth of the reference behind the wall
-WALL_STIFFNESS = 1e4  # N/m: steel table, rubber tip
-RISE_TIME, HOLD_TIME = 0.5, 1.0  # s of the way into the wall, and at its end
 
 
 @dataclass(frozen=True)
@@ -71,8 +64,8 @@ def compare_controllers(plain: Arm, machine: Arm, log: Log) -> ControllerImpact:
     guard = Guard(
         Safe.DAMPING,
         torque_limit=tuple(most.tolist()),
-        torque_rate=tuple((most / FULL_TORQUE_TIME).tolist()),
-        safe_damping=(SAFE_DAMPING,) * plain.n,
+        torque_rate=tuple((most / CONTROLLER_IMPACT.full_torque_time).tolist()),
+        safe_damping=(CONTROLLER_IMPACT.safe_damping,) * plain.n,
     )
     tracking, force = [], []
     for model in (plain, machine):
@@ -107,15 +100,15 @@ def _measure_motion(arm: Arm, log: Log) -> tuple[Array, Array, Array]:
     angles = read_joint_angles(arm, log)
     rows = max(1, round(0.02 / log.period))  # noise does not count as speed
     speed = np.abs(angles[rows:] - angles[:-rows]) / (log.time[rows:] - log.time[:-rows])[:, None]
-    low, high = np.quantile(angles, SWING_QUANTILES, axis=0)
+    low, high = np.quantile(angles, CONTROLLER_IMPACT.swing_quantiles, axis=0)
     return low, high, np.asarray(np.quantile(speed, 0.99, axis=0))
 
 
 def _make_swing(low: Array, high: Array, fastest: Array, period: float) -> Reference:
     """Make a reference from ``low`` to ``high`` and back, no faster than the log."""
     span = high - low
-    once = max(SHORTEST_SWING, float(np.max(np.pi * span / np.maximum(fastest, 1e-9), initial=0.0)))
-    time, turn = np.arange(0.0, SWING_COUNT * once, period), 2 * np.pi / once
+    once = max(CONTROLLER_IMPACT.shortest_swing, float(np.max(np.pi * span / np.maximum(fastest, 1e-9), initial=0.0)))
+    time, turn = np.arange(0.0, CONTROLLER_IMPACT.swing_count * once, period), 2 * np.pi / once
     share = 0.5 - 0.5 * np.cos(turn * time)
     rate, bend = 0.5 * turn * np.sin(turn * time), 0.5 * turn**2 * np.cos(turn * time)
     return Reference("joint", period, low + np.outer(share, span), np.outer(rate, span), np.outer(bend, span))
@@ -128,17 +121,17 @@ def _lead_into_wall(arm: Arm, q: Array, period: float) -> tuple[Reference, Envir
     face = _tip_positions(arm, np.stack([q, q + nudge]))
     way = (face[1] - face[0]) / 1e-6  # of the tip, for joint 1
     reach = float(np.linalg.norm(way))
-    if reach < 10 * PRESS_DEPTH:
+    if reach < 10 * CONTROLLER_IMPACT.press_depth:
         raise PlantError("joint 1 hardly moves the tip where the log's motion has its middle.")
     ahead = way / reach
-    time = np.arange(0.0, RISE_TIME + HOLD_TIME, period)
-    share, rate, bend = compute_smooth_step(time / RISE_TIME)
-    rate, bend = rate / RISE_TIME, bend / RISE_TIME**2
+    time = np.arange(0.0, CONTROLLER_IMPACT.rise_time + CONTROLLER_IMPACT.hold_time, period)
+    share, rate, bend = compute_smooth_step(time / CONTROLLER_IMPACT.rise_time)
+    rate, bend = rate / CONTROLLER_IMPACT.rise_time, bend / CONTROLLER_IMPACT.rise_time**2
     step = np.zeros(arm.n)
-    step[0] = PRESS_DEPTH / reach
+    step[0] = CONTROLLER_IMPACT.press_depth / reach
 
     def wall(tip: Array, velocity: Array) -> Array:
-        return np.asarray(-WALL_STIFFNESS * max(float((tip - face[0]) @ ahead), 0.0) * ahead)
+        return np.asarray(-CONTROLLER_IMPACT.wall_stiffness * max(float((tip - face[0]) @ ahead), 0.0) * ahead)
 
     rows = [np.outer(of, step) for of in (share, rate, bend)]
     return Reference("joint", period, q + rows[0], rows[1], rows[2]), wall

@@ -7,10 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.arm.arrays import Array
-
-SLOPE_BLOCKS = 8  # of a motion, whose slopes give the standard error of the slope of all
-SURE_STANDARD_ERRORS = 2.0  # standard errors
-CONTRADICTING_RATIO = 2.0  # ratio of slopes, from which a picture contradicts the effect that it shows
+from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 
 
 @dataclass(frozen=True)
@@ -29,8 +26,11 @@ class Agreement:
     @property
     def is_contradicted(self) -> bool:
         """Whether the log surely shows more than twice, or less than half, of what the effect adds."""
-        reach = SURE_STANDARD_ERRORS * self.slope_error
-        return self.slope - reach > CONTRADICTING_RATIO or self.slope + reach < 1.0 / CONTRADICTING_RATIO
+        reach = EXPLANATION.sure_standard_errors * self.slope_error
+        return (
+            self.slope - reach > EXPLANATION.contradicting_ratio
+            or self.slope + reach < 1.0 / EXPLANATION.contradicting_ratio
+        )
 
     def describe(self, beyond: str = "") -> str:
         """Say the agreement in a caption.
@@ -71,6 +71,12 @@ def measure_agreement(shown: Array, added: Array) -> Agreement:
     if size == 0.0:
         return Agreement(explained, np.nan, np.nan)
     slope = float(added @ shown) / size
-    parts = zip(np.array_split(added, SLOPE_BLOCKS), np.array_split(shown - slope * added, SLOPE_BLOCKS), strict=True)
+    parts = zip(
+        np.array_split(added, EXPLANATION.slope_blocks),
+        np.array_split(shown - slope * added, EXPLANATION.slope_blocks),
+        strict=True,
+    )
     off = np.array([part @ rest for part, rest in parts]) / size
-    return Agreement(explained, slope, float(np.sqrt(off @ off * SLOPE_BLOCKS / (SLOPE_BLOCKS - 1))))
+    return Agreement(
+        explained, slope, float(np.sqrt(off @ off * EXPLANATION.slope_blocks / (EXPLANATION.slope_blocks - 1)))
+    )

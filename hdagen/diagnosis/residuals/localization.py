@@ -19,10 +19,10 @@ import numpy as np
 
 from hdagen.arm import delayed_sensors
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.data.gap import BOOTSTRAP_DRAWS, CONFIDENCE_LEVEL
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import Mask
+from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.diagnosis.residuals.regressor_tests import (
-    SIGNIFICANCE_LEVEL,
     EnergyConcentration,
     PeriodicShare,
     Regressor,
@@ -35,14 +35,8 @@ from hdagen.diagnosis.residuals.spectra import compare_with_input, find_loudest_
 from hdagen.prediction.measurement_model import count_mechanical_states, get_state_limits
 
 PLACES = ("input", "motor", "transmission", "link", "sensor")
-INFINITE_LOG_GAP = 1e3  # replaces the logarithm of an infinite gap
-LEAST_PLACE_SHARE = 0.01  # share of the closed gap, below which the base parameters of a place are not named
-CONSTANT_SHARE = 0.8  # of the rms: with a larger mean a quantity is mostly constant
-LEAST_EXPLAINED_SHARE = 0.2  # of a variance: a regressor that explains less is not named
-INTEGRATION_STEP = 1e-3  # s, of integration
 MOTOR_ANGLE_NAME = "the angle within a turn of the motor"
-MOTOR_ORDERS = range(1, 25)  # cycles in a turn of the motor
-COUNTED_SECOND = 1.0  # s, length of the blocks that the share's interval and the test of signs count
+MOTOR_ORDERS = range(1, EXPLANATION.largest_motor_order + 1)  # cycles in a turn of the motor
 _SPRING_PREFIXES = ("flexspline_", "wave_generator_", "torsional_")
 _LINK_PREFIXES = ("mass_", "center_of_mass_", "inertia_", "length_", "gravity_", "payload_")
 
@@ -94,7 +88,8 @@ def localize_gap(sight: ResidualTorque, content: Mapping[str, Any], rows: Mask) 
     shares, intervals, often = _compute_gap_shares(sight, parts, rows)
     effects = [k for k, part in enumerate(parts) if part.name in verdict]
     others = sorted(
-        (k for k in range(len(parts)) if k not in effects and shares[k] >= LEAST_PLACE_SHARE), key=lambda k: -shares[k]
+        (k for k in range(len(parts)) if k not in effects and shares[k] >= EXPLANATION.least_place_share),
+        key=lambda k: -shares[k],
     )
     entries = []
     for k in (*effects, *others):
@@ -149,7 +144,7 @@ def _compute_gap_shares(
 ) -> tuple[list[float], list[list[float] | None], list[str]]:
     """Compute the shares of the closed gap (one for each part, at least 0, sum 1), their intervals by a bootstrap of
     seconds, and a sentence on how much of the motion each one affects."""
-    seconds = np.floor((sight.log.time - sight.log.time[0]) / COUNTED_SECOND).astype(int)
+    seconds = np.floor((sight.log.time - sight.log.time[0]) / EXPLANATION.counted_second).astype(int)
     whole = _sum_squares(sight, sight.after, rows, seconds)
     without = []
     for part in parts:
@@ -157,13 +152,15 @@ def _compute_gap_shares(
         p[list(part.parameter_indices)] = sight.before[list(part.parameter_indices)]
         without.append(_sum_squares(sight, p, rows, seconds))
     often = [_describe_sign_test(_log_gap(one) - _log_gap(whole)) for one in without]
-    drawn = np.random.default_rng(0).integers(len(whole), size=(BOOTSTRAP_DRAWS, len(whole)))
+    drawn = np.random.default_rng(0).integers(len(whole), size=(DATA.bootstrap_draws, len(whole)))
     shares = _normalize_shares(np.stack([_log_gap(one.sum(0)) - _log_gap(whole.sum(0)) for one in without], -1))
     intervals: list[list[float] | None] = [None] * len(parts)
     if len(whole) > 1:
         each = [_log_gap(one[drawn].sum(1)) - _log_gap(whole[drawn].sum(1)) for one in without]
         low, high = np.quantile(
-            _normalize_shares(np.stack(each, -1)), ((1 - CONFIDENCE_LEVEL) / 2, (1 + CONFIDENCE_LEVEL) / 2), axis=0
+            _normalize_shares(np.stack(each, -1)),
+            ((1 - DATA.confidence_level) / 2, (1 + DATA.confidence_level) / 2),
+            axis=0,
         )
         intervals = [[round(a, 4), round(b, 4)] for a, b in zip(low.tolist(), high.tolist(), strict=True)]
     return shares.tolist(), intervals, often
@@ -172,7 +169,7 @@ def _compute_gap_shares(
 def _normalize_shares(back: Array) -> Array:
     """Turn the returned part of the log gap into shares (…, parts); all of it is the first part's where nothing
     returns."""
-    back = np.maximum(np.nan_to_num(back, posinf=INFINITE_LOG_GAP), 0.0)
+    back = np.maximum(np.nan_to_num(back, posinf=EXPLANATION.infinite_log_gap), 0.0)
     total = back.sum(-1, keepdims=True)
     first = np.arange(back.shape[-1]) == 0
     return np.asarray(np.where(total > 0.0, back / np.maximum(total, 1e-300), first))
@@ -203,7 +200,7 @@ def _sum_squares(sight: ResidualTorque, p: Array, rows: Mask, seconds: np.ndarra
     dt = np.append(np.diff(log.time), log.period)
     begun = after.states[after.starts][:, : count_mechanical_states(arm)]
     x = arm.rollout_windows(
-        begun, np.stack([after.starts, ends], 1), acting, dt, INTEGRATION_STEP, get_state_limits(arm), None
+        begun, np.stack([after.starts, ends], 1), acting, dt, EXPLANATION.integration_step, get_state_limits(arm), None
     )
     seen = delayed_sensors.read_sensors(arm, log.time, x, shown)
     label = np.unique(seconds[rows], return_inverse=True)[1]
@@ -370,16 +367,19 @@ def _describe_regime(sight: ResidualTorque, part: RemovedPart) -> str:
         (
             e
             for e in explain_variance(quantity[clear], moving)
-            if e.p <= SIGNIFICANCE_LEVEL and e.share >= LEAST_EXPLAINED_SHARE
+            if e.p <= EXPLANATION.significance_level and e.share >= EXPLANATION.least_explained_share
         ),
         None,
     )
-    sits = next((c for c in find_concentrations(energy, around) if c.p <= SIGNIFICANCE_LEVEL), None)
+    sits = next((c for c in find_concentrations(energy, around) if c.p <= EXPLANATION.significance_level), None)
     said = []
-    if abs(quantity.mean()) > CONSTANT_SHARE * _root_mean_square(quantity):
+    if abs(quantity.mean()) > EXPLANATION.constant_share * _root_mean_square(quantity):
         said.append(f"is mostly the same throughout (mean {quantity.mean():.2g} {seen.unit})")
     orders = explain_by_orders(quantity, sight.read_state("motor_position", joint)[seen.instants], MOTOR_ORDERS)
-    turn = next((e for e in orders if e.p <= SIGNIFICANCE_LEVEL and e.share >= LEAST_EXPLAINED_SHARE), None)
+    turn = next(
+        (e for e in orders if e.p <= EXPLANATION.significance_level and e.share >= EXPLANATION.least_explained_share),
+        None,
+    )
     if turn is not None and (goes is None or turn.share > goes.share):
         said.append(
             f"goes with {MOTOR_ANGLE_NAME}, {_describe_order(turn)}, which explains {100 * turn.share:.0f} % of it"
@@ -395,8 +395,8 @@ def _describe_regime(sight: ResidualTorque, part: RemovedPart) -> str:
     if sits is not None:
         said.append(_describe_concentration(sits))
     spread = (
-        f"is spread over speeds, loads, angles and times: none explains {100 * LEAST_EXPLAINED_SHARE:.0f} % of it at p"
-        f" < {SIGNIFICANCE_LEVEL:g}"
+        f"is spread over speeds, loads, angles and times: none explains"
+        f" {100 * EXPLANATION.least_explained_share:.0f} % of it at p < {EXPLANATION.significance_level:g}"
     )
     words = f"The {seen.quantity} ({_root_mean_square(quantity):.2g} {seen.unit} rms) {', and '.join(said) or spread}."
     return words + _describe_spectrum(sight, joint, quantity, seen.instants)

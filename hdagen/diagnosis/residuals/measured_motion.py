@@ -12,17 +12,12 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.log.channel_statistics import UniformGrid, make_uniform_grid
 from hdagen.log.column_map import name_command_channel
 from hdagen.log.measured_log import Log
 from hdagen.prediction.measurement_model import Readings, complete_state, count_mechanical_states
 from hdagen.prediction.window_replay import Replay
-
-VELOCITY_FILTER_WIDTH = (
-    0.007  # s, of the moving average before the velocity that friction depends on: it keeps reversals in place
-)
-NEIGHBOUR_GAP = 3.5  # periods between rows that are no neighbours
-REVERSAL_REACH = 0.5  # of the filter's width: rows this close to a reversal mix friction of both signs
 
 
 @dataclass(eq=False)
@@ -80,7 +75,7 @@ class MeasuredMotion:
         reach = 2 * self.grid.window_rows + 2
         good = np.ones(len(self.time), bool)
         good[:reach] = good[-reach:] = False
-        for row in np.flatnonzero(np.diff(self.log.time) > NEIGHBOUR_GAP * self.grid.period):
+        for row in np.flatnonzero(np.diff(self.log.time) > EXPLANATION.neighbour_gap * self.grid.period):
             a, b = np.searchsorted(self.time, self.log.time[row : row + 2])
             good[max(a - reach, 0) : b + reach] = False
         return good
@@ -120,7 +115,7 @@ class MeasuredMotion:
         arm, readings = self.arm, Readings.from_log(self.arm, self.log)
         x = np.zeros((len(self.time), arm.nx))
         known: set[int] = set()
-        width = max(3, round(VELOCITY_FILTER_WIDTH / self.grid.period)) | 1
+        width = max(3, round(EXPLANATION.velocity_filter_width / self.grid.period)) | 1
         for k, place in enumerate(readings.state_indices):
             name = arm.state_names[place]
             if "position" not in name:
@@ -190,7 +185,7 @@ class MeasuredMotion:
         """
         direction = self.direction[:, joint - 1]
         good = direction != 0
-        for step in range(1, max(round(REVERSAL_REACH * self.grid.window_rows), 1) + 1):
+        for step in range(1, max(round(EXPLANATION.reversal_reach * self.grid.window_rows), 1) + 1):
             good[step:] &= direction[step:] == direction[:-step]
             good[:-step] &= direction[:-step] == direction[step:]
         return good
@@ -198,7 +193,7 @@ class MeasuredMotion:
 
 def _speed_noise(angle: Array, grid: UniformGrid) -> float:
     """Return the standard deviation of the speed that an angle's noise causes."""
-    width = max(3, round(VELOCITY_FILTER_WIDTH / grid.period)) | 1
+    width = max(3, round(EXPLANATION.velocity_filter_width / grid.period)) | 1
     steps = np.diff(angle, 3)
     if not len(steps):
         return 0.0

@@ -12,6 +12,7 @@ Source: Theiler et al., Physica D 58 (1992) 77 (surrogates that keep the spectru
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,13 +21,8 @@ from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
 from hdagen.data_quality.rank_check import LEAST_ROWS_PER_TERM
+from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 
-QUANTILE_BINS = 8  # of equally many samples each
-CIRCULAR_SHIFTS = 999  # equally spaced; the smallest significance of one regressor is 1 in 1000
-SIGNIFICANCE_LEVEL = 0.05  # significance level: a regime above it is not named
-MOST_TESTED_SAMPLES = 6000  # samples that are tested, at most
-SMALL_SHIFT_DIVISOR = 50  # a shift by less than this part of a series is small
-FULL_TURN = 2 * np.pi
 WAVES_OF_ORDER = 2  # regressors of an order: a sine and a cosine
 
 
@@ -122,13 +118,13 @@ def explain_by_orders(quantity: Array, angle: Array, orders: Sequence[int]) -> l
     if not total > 0:
         return []
     for k in orders:
-        if k * np.ptp(theta) < 2 * FULL_TURN or len(theta) < LEAST_ROWS_PER_TERM * (WAVES_OF_ORDER + 1):
+        if k * np.ptp(theta) < 2 * math.tau or len(theta) < LEAST_ROWS_PER_TERM * (WAVES_OF_ORDER + 1):
             continue
         waves = np.stack([np.cos(k * theta), np.sin(k * theta)], 1)
         own = np.linalg.qr(waves - waves.mean(0))[0].T
         shares = (_sum_shifted(own, y) ** 2).sum(0) / total
         others = shares[
-            len(shares) // SMALL_SHIFT_DIVISOR : -(len(shares) // SMALL_SHIFT_DIVISOR) or None
+            len(shares) // EXPLANATION.small_shift_divisor : -(len(shares) // EXPLANATION.small_shift_divisor) or None
         ]  # a small shift is but another phase
         found.append(PeriodicShare(k, float(shares[0]), _shift_significance(np.append(shares[0], others), len(orders))))
     return sorted(found, key=lambda e: -e.share)
@@ -172,7 +168,7 @@ def find_concentrations(energy: Array, regressors: Sequence[Regressor]) -> list[
 
 def _thin_samples(count: int) -> np.ndarray:
     """Choose the samples to test, of ``count``."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_TESTED_SAMPLES)).round().astype(int))
+    return np.unique(np.linspace(0, count - 1, min(count, EXPLANATION.most_tested_samples)).round().astype(int))
 
 
 def _subtract_mean(values: Array) -> Array:
@@ -184,7 +180,7 @@ def _subtract_mean(values: Array) -> Array:
 
 def _assign_bins(values: Array) -> tuple[np.ndarray, int]:
     """Assign each value to a bin by quantiles, and count the bins: fewer where values are few or repeat."""
-    most = min(QUANTILE_BINS, max(len(values) // LEAST_ROWS_PER_TERM, 1))
+    most = min(EXPLANATION.quantile_bins, max(len(values) // LEAST_ROWS_PER_TERM, 1))
     edges = np.unique(np.quantile(values, np.linspace(0, 1, most + 1)[1:-1]))
     labels = np.searchsorted(edges, values, side="left")
     kinds, labels = np.unique(labels, return_inverse=True)
@@ -199,7 +195,9 @@ def _sum_bins(labels: np.ndarray, count: int, values: Array) -> Array:
 def _sum_shifted(weights: Array | NDArray[np.bool_], values: Array) -> Array:
     """Sum ``values`` (K) by each of the ``weights`` (B, K), unshifted and then with up to SHIFTS circular shifts: (B,
     S)."""
-    steps = np.unique(np.linspace(0, len(values), CIRCULAR_SHIFTS + 2)[:-1].round().astype(int) % len(values))
+    steps = np.unique(
+        np.linspace(0, len(values), EXPLANATION.circular_shifts + 2)[:-1].round().astype(int) % len(values)
+    )
     other = np.fft.rfft(values).conj()
     return np.asarray(np.fft.irfft(np.fft.rfft(weights) * other, len(values))[:, steps])
 

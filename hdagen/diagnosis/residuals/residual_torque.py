@@ -21,13 +21,12 @@ from hdagen.adoption import verdict
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import compute_torque_per_input
+from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
 from hdagen.log.measured_log import Log
 from hdagen.prediction.driving_inputs import compute_effective_inputs, read_driving_inputs
 from hdagen.prediction.measurement_model import Readings, undo_sensor_effects
 from hdagen.prediction.window_replay import Replay
-
-TORSION_STEP_SHARE = 1e-3  # of the largest torque of the links: step for the springs' slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +254,7 @@ class ResidualTorque(MeasuredMotion):
 
         """
         torque = self.link_torque(p)
-        h = TORSION_STEP_SHARE * max(float(np.abs(torque).max()), 1.0)
+        h = EXPLANATION.torsion_step_share * max(float(np.abs(torque).max()), 1.0)
         arm = self.arm.with_parameters(p)
         ends = [arm.evaluate("torsion", joint_torque=torque + side * h)["torsion"] for side in (1.0, -1.0)]
         return np.asarray(2 * h / np.maximum(ends[0] - ends[1], 1e-12))

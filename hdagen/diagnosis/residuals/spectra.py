@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
+from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
-
-SEGMENT_LENGTH = 1.0  # s, length of a segment
-PASSBAND_SHARE = 0.4  # of the first zero of the torque balance's filter: the highest frequency of use
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +27,7 @@ class Spectra:
     period: float
 
     @classmethod
-    def from_series(cls, values: Array, period: float, segment: float = SEGMENT_LENGTH) -> Spectra:
+    def from_series(cls, values: Array, period: float, segment: float = EXPLANATION.segment_length) -> Spectra:
         """Transform a series by segments that overlap by half, each without its mean and under Hann's window.
 
         Args:
@@ -145,4 +143,4 @@ def compare_with_input(
         full[at] = values
     found = [Spectra.from_series(values[first : last + 1], period) for values in whole]
     frequency = found[0].frequency
-    return (frequency > 0) & (frequency <= PASSBAND_SHARE / (sight.grid.window_rows * period)), found
+    return (frequency > 0) & (frequency <= EXPLANATION.passband_share / (sight.grid.window_rows * period)), found

@@ -14,9 +14,8 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.prediction.window_replay import Replay
-
-LJUNG_BOX_LAGS = 25  # rows of the test
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +51,11 @@ def measure_whiteness(error: Array, lags: int) -> Whiteness:
     r = np.r_[1.0, np.zeros(lags)]
     if products[0] > 0:
         r = products / products[0]
-    k = np.arange(1, LJUNG_BOX_LAGS + 1)
-    statistic = float(count * (count + 2) * np.sum(r[1 : LJUNG_BOX_LAGS + 1] ** 2 / (count - k)))
-    return Whiteness(r, 1.96 / np.sqrt(count), statistic, float(gammaincc(LJUNG_BOX_LAGS / 2, statistic / 2)))
+    k = np.arange(1, EXPLANATION.ljung_box_lags + 1)
+    statistic = float(count * (count + 2) * np.sum(r[1 : EXPLANATION.ljung_box_lags + 1] ** 2 / (count - k)))
+    return Whiteness(
+        r, 1.96 / np.sqrt(count), statistic, float(gammaincc(EXPLANATION.ljung_box_lags / 2, statistic / 2))
+    )
 
 
 def measure_replay_whiteness(replay: Replay, held: LogPortion, lags: int) -> dict[str, Whiteness]:

@@ -9,16 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from hdagen.diagnosis.inference.local_fit import Fit
-
-EFFECT_PENALTY = 5.0  # temperatures of log evidence that the prior of one more effect takes, or a little less
-LARGE_MISFIT_SHARE = (
-    0.25  # of the null model's misfit, in log evidence: with more of it left, one effect may stand in for two
-)
-UNEXPLAINED_MISFIT_SHARE = (
-    0.85  # of the same: with more of it left, no second effect is looked for; of 16 logs of two effects none left
-)
-# more than 0.76, of 12 logs of something unknown 7 did
-UNEXPLAINED_MISFIT = 500.0  # log evidence that it must be, too, as the likelihood is tempered
+from hdagen.diagnosis.search.search_settings import SEARCH
 
 
 def charge_effects(evidence: float, fit: Fit, excess: float) -> float:
@@ -33,7 +24,7 @@ def charge_effects(evidence: float, fit: Fit, excess: float) -> float:
         The log evidence less the penalty.
 
     """
-    return evidence - EFFECT_PENALTY * excess * len(fit.effects)
+    return evidence - SEARCH.effect_penalty * excess * len(fit.effects)
 
 
 def leaves_much(lead: Fit, fitted: Sequence[Fit]) -> bool:
@@ -45,7 +36,7 @@ def leaves_much(lead: Fit, fitted: Sequence[Fit]) -> bool:
 
     """
     none = next((f for f in fitted if not f.effects), lead)
-    return lead.noise_only_evidence - lead.evidence_here > LARGE_MISFIT_SHARE * (
+    return lead.noise_only_evidence - lead.evidence_here > SEARCH.large_misfit_share * (
         none.noise_only_evidence - none.evidence_here
     )
 
@@ -60,7 +51,7 @@ def is_beyond_known_effects(fitted: Sequence[Fit]) -> bool:
     best = sort_by_evidence(fitted)[0]
     none = next((f for f in fitted if not f.effects), best)
     return best.noise_only_evidence - best.evidence_here > max(
-        UNEXPLAINED_MISFIT_SHARE * (none.noise_only_evidence - none.evidence_here), UNEXPLAINED_MISFIT
+        SEARCH.unexplained_misfit_share * (none.noise_only_evidence - none.evidence_here), SEARCH.unexplained_misfit
     )
 
 

@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
-from hdagen.diagnosis.inference.gauss_newton import LEAST_EVIDENCE_STEP, place_candidate
+from hdagen.diagnosis.inference.fit_settings import FIT
+from hdagen.diagnosis.inference.gauss_newton import place_candidate
 from hdagen.diagnosis.inference.local_fit import (
     Fit,
     advance_fit,
@@ -43,40 +44,8 @@ from hdagen.diagnosis.search.fit_order import (
 from hdagen.diagnosis.search.multistart import Start, scan_sizes
 from hdagen.diagnosis.search.null_model import choose_spike_scale, make_nominal_point
 from hdagen.diagnosis.search.ripple_order import add_ripple_orders
+from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.support.parallel import map_in_threads
-
-RACE_SIZES = (9, 5, 3)  # hypotheses beside the null model in each round of the race
-MOST_EFFECTS_OF_SET = 3  # effects at once
-FURTHER_RACE_SIZES = (5, 3, 2)  # the same as FIELD for further effects beside a leader
-AT_BOUND_DEVIATIONS, MOST_AT_BOUND = (
-    2.5,
-    2,
-)  # spike widths, from which a nuisance effect is at its bound; at most so many are tried
-LEAST_EVIDENCE_GAIN = 1.0  # temperatures of log evidence that a further effect must promise to be fitted
-LEAST_PROMISE_SHARE = (
-    0.05  # of the largest promise, that another effect must reach to be fitted; the effects named in 11
-)
-# development logs promised 0.61 of it or more
-LEAST_LEAD = 3.0  # temperatures by which a larger set must lead: as much may still be gained
-MOST_FURTHER_STEPS = 3  # further steps at most, each for another temperature of log evidence
-REFIT_ROUNDS = 3  # rounds for hypotheses that start at the leader's point: its subsets and look-alikes
-LOOK_ALIKE_MARGIN, MOST_LOOK_ALIKES = (
-    40.0,
-    3,
-)  # temperatures behind the leader, in its linear model, of a look-alike; at most so many
-FINALIST_COUNT = 2  # hypotheses beside the null model that go on after the race
-MERGING_ROUND = 2  # round after which a set with two starts keeps the better one
-TRAILING_SHARE = 1 / 3  # of the leader's gain over the null model, below which a hypothesis is dropped
-FIRST_ROUND_SHARE = 0.1  # the same before the first step
-OUTDONE_RATIO = 10.0  # times the best one's misfit, from which the null model is dropped
-HOPELESS_MARGIN = 20.0  # temperatures behind the leader, from which a hypothesis is not fitted to its end
-CLOSE_CALL_MARGIN, MOST_CLOSE_CALLS = (
-    10.0,
-    4,
-)  # temperatures behind the best, that make a close call; at most so many are settled
-CLOSE_CALL_STEPS = 8  # further steps of each of them at most
-CLEAN_LEVELS = 0.05, 1.02  # unexplained torque and squared noise scale, below which no large effect is left to be found
-
 
 RefitCall = tuple[Callable[[Fit, CandidateSet, tuple[int, ...]], Fit], tuple[int, ...]]
 
@@ -117,7 +86,7 @@ def search_effects(shooting: MultipleShooting, words: CandidateSet, say: Callabl
     none = next(s for s in screened if not s.effects)
     field = [
         start_fit(at, words, (), none.posterior.s),
-        *_start_promising(at, words, screened, starts, (), RACE_SIZES[0], LEAST_EVIDENCE_GAIN),
+        *_start_promising(at, words, screened, starts, (), SEARCH.race_sizes[0], SEARCH.least_evidence_gain),
     ]
     if regression:
         field += begin_sets(regression, at, none.posterior.s)
@@ -168,11 +137,11 @@ def _adopt_spike_scale(fitted: list[Fit], words: CandidateSet) -> tuple[list[Fit
     def go_on(fit: Fit) -> Fit:
         if not fit.has_columns:
             return fit
-        return _continue_fit(fit, words, MOST_FURTHER_STEPS, 1.0)
+        return _continue_fit(fit, words, SEARCH.most_further_steps, 1.0)
 
     moved = sort_by_promise([adopt(fit) for fit in fitted])
     further = [fit for fit in moved if not fit.effects][:1] + [fit for fit in moved if fit.effects and fit.has_columns][
-        :FINALIST_COUNT
+        : SEARCH.finalist_count
     ]
     gone = map_in_threads(go_on, further)
     return sort_by_promise([*(fit.without_columns() for fit in moved if fit not in further), *gone]), words
@@ -196,7 +165,7 @@ def run_races(
         The fits, the best first, the others without their columns.
 
     """
-    fitted = _drop_undeserved(_run_race(field, words, RACE_SIZES, say))
+    fitted = _drop_undeserved(_run_race(field, words, SEARCH.race_sizes, say))
     if is_beyond_known_effects(fitted) or sort_by_evidence(fitted)[0].evidence_here < least:
         return drop_columns(sort_by_evidence(fitted))
     fitted, words = _adopt_spike_scale(fitted, words)
@@ -205,7 +174,7 @@ def run_races(
         lead,
         *[f for f in fitted if f is not lead and f.has_columns and f.effects and leaves_much(lead, fitted)][:1],
     ]
-    while len(leads[0].effects) < MOST_EFFECTS_OF_SET:
+    while len(leads[0].effects) < SEARCH.most_effects_of_set:
         before = leads[0]
         for lead in leads:
             words = add_ripple_orders(lead, words)
@@ -213,10 +182,10 @@ def run_races(
         leads, fitted = [], drop_columns(fitted)
         if further:
             fitted, words = _adopt_spike_scale(
-                sort_by_promise([*fitted, *_run_race(further, words, FURTHER_RACE_SIZES, say)]), words
+                sort_by_promise([*fitted, *_run_race(further, words, SEARCH.further_race_sizes, say)]), words
             )
         lead, stood = first_with_columns(fitted), next(f for f in fitted if f.effects == before.effects)
-        if lead.evidence_here < stood.evidence_here + LEAST_LEAD * stood.misfit_temperature:
+        if lead.evidence_here < stood.evidence_here + SEARCH.least_lead * stood.misfit_temperature:
             if stood.has_columns:
                 lead = stood
             break
@@ -225,7 +194,7 @@ def run_races(
     fewer = [
         atoms
         for atoms in fewer
-        if lead.predicted_evidence(atoms) > lead.evidence_here - LOOK_ALIKE_MARGIN * lead.misfit_temperature
+        if lead.predicted_evidence(atoms) > lead.evidence_here - SEARCH.look_alike_margin * lead.misfit_temperature
     ]
     begin = [
         *((refit_without, atoms) for atoms in fewer),
@@ -249,7 +218,7 @@ def _find_look_alikes(lead: Fit, fitted: Sequence[Fit], words: CandidateSet) -> 
     for one in lead.effects:
         rest = tuple(i for i in lead.effects if i != one)
         alone = (
-            lead.predicted_evidence(rest) + LEAST_EVIDENCE_GAIN * lead.misfit_temperature
+            lead.predicted_evidence(rest) + SEARCH.least_evidence_gain * lead.misfit_temperature
         )  # an effect that does not show promises as much as the rest
         for k in (k for k in here if words.is_compatible(lead.sensitivities.shooting.arm, k, rest)):
             promise = np.inf
@@ -257,10 +226,12 @@ def _find_look_alikes(lead: Fit, fitted: Sequence[Fit], words: CandidateSet) -> 
                 promise = lead.predicted_evidence((*rest, k))
             names = words.names_of((*rest, k))
             if promise > max(
-                known.get(names, -np.inf), lead.evidence_here - LOOK_ALIKE_MARGIN * lead.misfit_temperature, alone
+                known.get(names, -np.inf),
+                lead.evidence_here - SEARCH.look_alike_margin * lead.misfit_temperature,
+                alone,
             ):
                 found.append((promise, (*rest, k)))
-    return [atoms for _, atoms in sorted(found, reverse=True)[:MOST_LOOK_ALIKES]]
+    return [atoms for _, atoms in sorted(found, reverse=True)[: SEARCH.most_look_alikes]]
 
 
 def _settle_close_calls(fits: list[Fit], words: CandidateSet, say: Callable[[str], None]) -> list[Fit]:
@@ -268,12 +239,12 @@ def _settle_close_calls(fits: list[Fit], words: CandidateSet, say: Callable[[str
     way. ``fits`` are used up; the best comes first."""
     ordered = sort_by_evidence(fits)
     excess = ordered[0].misfit_temperature
-    least = max(charge_effects(fit.evidence_here, fit, excess) for fit in ordered) - CLOSE_CALL_MARGIN * excess
+    least = max(charge_effects(fit.evidence_here, fit, excess) for fit in ordered) - SEARCH.close_call_margin * excess
     best: dict[tuple[str, ...], Fit] = {}  # the best fit of each set
     for fit in ordered:
         if fit is ordered[0] or charge_effects(fit.score.evidence, fit, excess) >= least:
             best.setdefault(fit.names, fit)
-    close = list(best.values())[:MOST_CLOSE_CALLS]
+    close = list(best.values())[: SEARCH.most_close_calls]
     if len(close) < 2:
         return drop_columns(ordered)
     say(f"going on with {', '.join(' + '.join(fit.names) or 'none' for fit in close)}")
@@ -283,8 +254,8 @@ def _settle_close_calls(fits: list[Fit], words: CandidateSet, say: Callable[[str
 
     def in_the_end(fit: Fit) -> Fit:
         if not fit.has_columns and fit.names not in done:
-            return _continue_fit(restore_columns(fit, words), words, CLOSE_CALL_STEPS, LEAST_EVIDENCE_STEP)
-        return _continue_fit(fit, words, CLOSE_CALL_STEPS, LEAST_EVIDENCE_STEP)
+            return _continue_fit(restore_columns(fit, words), words, SEARCH.close_call_steps, FIT.least_evidence_step)
+        return _continue_fit(fit, words, SEARCH.close_call_steps, FIT.least_evidence_step)
 
     stood = map_in_threads(in_the_end, (close.pop(0) for _ in range(len(close))))
     return drop_columns(sort_by_evidence([*stood, *rest]))
@@ -300,7 +271,7 @@ def _continue_fit(fit: Fit, words: CandidateSet, steps: int, enough: float) -> F
         if gain < enough * best.misfit_temperature:
             break
     if (
-        best is not fit and gain < LEAST_EVIDENCE_STEP * best.misfit_temperature
+        best is not fit and gain < FIT.least_evidence_step * best.misfit_temperature
     ):  # the steps after the best one brought next to nothing
         return replace(best, has_converged=True)
     return best
@@ -312,16 +283,17 @@ def _fit_from_leader(lead: Fit, words: CandidateSet, say: Callable[[str], None],
     how, atoms = begin
     fit = how(lead, words, atoms)
     least = (
-        charge_effects(lead.evidence_here, lead, lead.misfit_temperature) - CLOSE_CALL_MARGIN * lead.misfit_temperature
+        charge_effects(lead.evidence_here, lead, lead.misfit_temperature)
+        - SEARCH.close_call_margin * lead.misfit_temperature
     )
-    for number in range(1, REFIT_ROUNDS + 1):
+    for number in range(1, SEARCH.refit_rounds + 1):
         before = fit
         fit = _advance_with_report(
-            words, say, f"from {' + '.join(lead.names)}, round {number} of {REFIT_ROUNDS}", before
+            words, say, f"from {' + '.join(lead.names)}, round {number} of {SEARCH.refit_rounds}", before
         )
         gain = max(fit.score.evidence - before.score.evidence, fit.evidence_here - before.evidence_here)
         behind = least - charge_effects(fit.score.evidence, fit, lead.misfit_temperature)
-        if fit.evidence_here < lead.evidence_here and behind > gain * (REFIT_ROUNDS - number):
+        if fit.evidence_here < lead.evidence_here and behind > gain * (SEARCH.refit_rounds - number):
             return fit.without_columns()
     return fit
 
@@ -347,7 +319,7 @@ def _start_promising(
         if best > worth and best > found.get(name, (-np.inf, k))[0]:
             found[name] = best, k
     ranked = sorted(found.values(), reverse=True)[:most]
-    leading = [k for gain, k in ranked if gain >= LEAST_PROMISE_SHARE * ranked[0][0]]
+    leading = [k for gain, k in ranked if gain >= SEARCH.least_promise_share * ranked[0][0]]
 
     def begin(k: int) -> Fit:
         start = None
@@ -361,24 +333,24 @@ def _start_promising(
 def _run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], say: Callable[[str], None]) -> list[Fit]:
     """Fit all of ``field``, which is used up, in rounds, and drop the hypotheses that trail far behind; the best
     first."""
-    field[:], out = _keep_promising(sort_by_promise(field), FIRST_ROUND_SHARE, len(field))
+    field[:], out = _keep_promising(sort_by_promise(field), SEARCH.first_round_share, len(field))
     for number, most in enumerate((*sizes[1:], len(field)), 1):
         given = (field.pop(0) for _ in range(len(field)))  # each old fit frees its memory as soon as its step is done
         moved = sort_by_promise(
             map_in_threads(partial(_advance_with_report, words, say, f"round {number} of {len(sizes)}"), given)
         )
-        if number == MERGING_ROUND:
+        if number == SEARCH.merging_round:
             moved, left_behind = keep_best_starts(moved)
             out += left_behind
-        field, left = _keep_promising(moved, TRAILING_SHARE, most)
+        field, left = _keep_promising(moved, SEARCH.trailing_share, most)
         out += left
         del moved
-    best = [f for f, place in place_by_size(sort_by_promise(field)) if not f.effects or place < FINALIST_COUNT]
+    best = [f for f, place in place_by_size(sort_by_promise(field)) if not f.effects or place < SEARCH.finalist_count]
     rest = [f for f in field if f not in best]
-    hopeless = best[0].score.evidence - HOPELESS_MARGIN * best[0].misfit_temperature
+    hopeless = best[0].score.evidence - SEARCH.hopeless_margin * best[0].misfit_temperature
     rest += [f for f in best if f.score.evidence < hopeless]
     settled = map_in_threads(
-        lambda f: _continue_fit(f, words, MOST_FURTHER_STEPS, 1.0), [f for f in best if f not in rest]
+        lambda f: _continue_fit(f, words, SEARCH.most_further_steps, 1.0), [f for f in best if f not in rest]
     )
     return sort_by_promise([*out, *rest, *settled])
 
@@ -392,7 +364,7 @@ def _keep_promising(fits: list[Fit], share: float, most: int) -> tuple[list[Fit]
     if none > -np.inf:
         least = min(
             none + share * (lead.score.evidence - none),
-            lead.score.evidence - CLOSE_CALL_MARGIN * lead.misfit_temperature,
+            lead.score.evidence - SEARCH.close_call_margin * lead.misfit_temperature,
         )
 
     def goes_on(place: int, fit: Fit) -> bool:
@@ -419,7 +391,7 @@ def _drop_undeserved(fits: list[Fit]) -> list[Fit]:
 
 def _is_outdone(none: Fit, lead: Fit) -> bool:
     """Tell whether the null model will leave many times the misfit of the best fit."""
-    return none.noise_only_evidence - none.score.evidence > OUTDONE_RATIO * max(
+    return none.noise_only_evidence - none.score.evidence > SEARCH.outdone_ratio * max(
         lead.noise_only_evidence - lead.evidence_here, lead.misfit_temperature
     )
 
@@ -432,7 +404,7 @@ def _advance_with_report(words: CandidateSet, say: Callable[[str], None], when: 
 
 def _is_clean(fit: Fit) -> bool:
     """Tell whether a fit leaves nothing for a large effect to explain."""
-    return fit.score.posterior.s <= CLEAN_LEVELS[0] and fit.score.posterior.noise_level <= CLEAN_LEVELS[1]
+    return fit.score.posterior.s <= SEARCH.clean_levels[0] and fit.score.posterior.noise_level <= SEARCH.clean_levels[1]
 
 
 def _start_with_one_more(at: Sensitivities, words: CandidateSet, lead: Fit) -> list[Fit]:
@@ -451,7 +423,13 @@ def _start_with_one_more(at: Sensitivities, words: CandidateSet, lead: Fit) -> l
     if not _is_clean(lead):
         starts = scan_sizes(full, full.candidates, lead.score)
     found = _start_promising(
-        full, words, scored, starts, lead.effects, FURTHER_RACE_SIZES[0], LEAST_EVIDENCE_GAIN * lead.misfit_temperature
+        full,
+        words,
+        scored,
+        starts,
+        lead.effects,
+        SEARCH.further_race_sizes[0],
+        SEARCH.least_evidence_gain * lead.misfit_temperature,
     )
     tried = {name for fit in found for name in fit.names}
     new = [k for k in _find_at_bound(lead) if words.members[k].name not in tried]
@@ -464,7 +442,7 @@ def _start_with_one_more(at: Sensitivities, words: CandidateSet, lead: Fit) -> l
             start = place_candidate(full, words.members[k], {})
         return start_fit(full, words, (*lead.effects, k), lead.score.posterior.s, start)
 
-    return [*found, *map_in_threads(begin, [*brimming[:MOST_AT_BOUND], *late])]
+    return [*found, *map_in_threads(begin, [*brimming[: SEARCH.most_at_bound], *late])]
 
 
 def _find_at_bound(lead: Fit) -> list[int]:
@@ -474,4 +452,4 @@ def _find_at_bound(lead: Fit) -> list[int]:
     for c, value in zip(words.columns, mean, strict=True):
         if c.candidate >= 0 and words.members[c.candidate].name not in words.active:
             reach[c.candidate] = max(reach.get(c.candidate, 0.0), abs(float(value)) / c.spike_width)
-    return [k for k in sorted(reach, key=lambda k: -reach[k]) if reach[k] >= AT_BOUND_DEVIATIONS]
+    return [k for k in sorted(reach, key=lambda k: -reach[k]) if reach[k] >= SEARCH.at_bound_deviations]

@@ -18,12 +18,9 @@ from hdagen.diagnosis.inference.gauss_newton import compute_prior_widths, place_
 from hdagen.diagnosis.inference.marginal_likelihood import ScoredHypothesis
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, select_columns, weigh_residual
 from hdagen.diagnosis.initialization.initial_guess import split_input_effects
+from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
+from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.support.parallel import map_in_threads
-
-SCANNED_SIZES = (-2.0, -0.7, 0.7, 2.0)  # typical sizes
-LEAST_SCANNED_VALUE = 0.1  # typical sizes, from which an initial guess is tried
-SCANNED_TORQUES = (0.03, 1.0)  # sizes of unexplained torque
-SCAN_BATCH_SIZE = 32  # points that are scored together
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +50,7 @@ def scan_sizes(
     """
     led: tuple[int, ...] = ()
     columns = words.always_fitted
-    sizes: tuple[float, ...] = SCANNED_TORQUES
+    sizes: tuple[float, ...] = SEARCH.scanned_torques
     if lead:
         columns, led, sizes = words.columns_for(lead.effects), lead.effects, (lead.posterior.s,)
     base, tried = select_columns(at, columns), []
@@ -85,7 +82,7 @@ def scan_sizes(
         return [float(value) - none for value in evidences(of, left)]
 
     (none,) = map(float, evidences([(led, base.point)], base.residual[None]))
-    parts = [slice(first, first + SCAN_BATCH_SIZE) for first in range(0, len(tried), SCAN_BATCH_SIZE)]
+    parts = [slice(first, first + SEARCH.scan_batch_size) for first in range(0, len(tried), SEARCH.scan_batch_size)]
     gains = [gain for part in map_in_threads(judged, parts) for gain in part]
     found: dict[int, Start] = {}
     for (k, point), gain in zip(tried, gains, strict=True):
@@ -100,7 +97,7 @@ def _displace_candidate(at: Sensitivities, words: CandidateSet, k: int, atom: Ca
     columns = [c for c in words.columns if c.candidate == k]
     described = list(at.shooting.arm.parameters.described.values())
     found = []
-    if np.linalg.norm([c.initial_guess for c in columns]) >= LEAST_SCANNED_VALUE:
+    if np.linalg.norm([c.initial_guess for c in columns]) >= INITIALIZATION.least_scanned_guess:
         beside = [c for c in words.columns if c.initial_guess and words.members[c.candidate].joint == atom.joint]
         others = {c.index: c.initial_value for c in beside if words.members[c.candidate].name not in words.active}
         found.append(
@@ -109,7 +106,7 @@ def _displace_candidate(at: Sensitivities, words: CandidateSet, k: int, atom: Ca
     if len(columns) > 1 and ORDER_SHAPE in "".join(atom.shapes):
         return found  # a sine and a cosine are as good as linear
     for c in columns:
-        for size in dict.fromkeys((*SCANNED_SIZES, c.step)):
+        for size in dict.fromkeys((*SEARCH.scanned_sizes, c.step)):
             value = c.center + size * c.unit
             if described[c.index].low <= value <= described[c.index].high:
                 found.append(place_candidate(at, atom, {c.index: value}))

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from hdagen.diagnosis.inference.candidate_priors import SPIKE_SCALES, CandidateSet
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.local_fit import Fit, advance_fit, rescale_spikes, start_fit
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint, compute_sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
+from hdagen.diagnosis.search.null_model_settings import NULL_MODEL
 from hdagen.diagnosis.search.ripple_order import suggest_ripple_orders
-
-NULL_MODEL_STEPS = 2  # steps of the fit
 
 
 def fit_null_model(shooting: MultipleShooting) -> tuple[CandidateSet, Fit]:
@@ -45,7 +45,7 @@ def fit_without_effects(shooting: MultipleShooting, words: CandidateSet) -> Fit:
     fit = start_fit(
         compute_sensitivities(shooting, words.columns_for(()), make_nominal_point(shooting, words)), words, (), 1.0
     )
-    for _ in range(NULL_MODEL_STEPS):
+    for _ in range(NULL_MODEL.fit_steps):
         fit = advance_fit(fit, words)
     return choose_spike_scale(fit)
 
@@ -57,7 +57,9 @@ def choose_spike_scale(fit: Fit) -> Fit:
         fit: the fit.
 
     """
-    return max((rescale_spikes(fit, share) for share in SPIKE_SCALES), key=lambda one: one.score.posterior.evidence)
+    return max(
+        (rescale_spikes(fit, share) for share in CANDIDATES.spike_scales), key=lambda one: one.score.posterior.evidence
+    )
 
 
 def make_nominal_point(shooting: MultipleShooting, words: CandidateSet) -> OperatingPoint:

@@ -24,11 +24,10 @@ from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitiviti
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.fit_order import drop_columns, leaves_much, sort_by_evidence
-from hdagen.diagnosis.search.hypothesis_search import TRAILING_SHARE, SearchResult, run_races
+from hdagen.diagnosis.search.hypothesis_search import SearchResult, run_races
+from hdagen.diagnosis.search.search_settings import SEARCH
 
 SPRING_EFFECT = "missing_compliance"
-SPRING_SIZES = (1.0, 4.0)  # typical sizes at which a fit with springs starts
-SPRING_STEP = 2.5e-4  # s, stable for springs ten times as stiff as typical ones; a stiffer spring is as good as rigid
 
 
 def compare_with_springs(
@@ -60,7 +59,7 @@ def compare_with_springs(
     _narrow_spring_bounds(flexible)
     say("a spring in what the robot file calls rigid")
     shooting = MultipleShooting(
-        flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SPRING_STEP
+        flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SEARCH.spring_step
     )
     words = build_candidates(
         flexible, guess_from_log(flexible, shooting.record), shooting.record.joints_without_command
@@ -87,15 +86,15 @@ def _start_spring_fits(
     none = next((fit for fit in found.fits if not fit.effects), lead)
     beside = tuple(k for k, atom in enumerate(words.members) if atom.name in lead.names and atom.has_default_shapes)
     alone: list[Fit] = []
-    for size in SPRING_SIZES:
+    for size in SEARCH.spring_sizes:
         p = _set_springs(shooting.arm, words, springs, shooting.arm.p.copy(), size)
         at = compute_sensitivities(shooting, words, OperatingPoint(p, shooting.measured_initial_states(p)))
         alone.append(start_fit(at, words, springs, near))
     if not beside or max(fit.score.evidence for fit in alone) >= lead.evidence_here:
         return at, alone
-    least = none.evidence_here + TRAILING_SHARE * (lead.evidence_here - none.evidence_here)
+    least = none.evidence_here + SEARCH.trailing_share * (lead.evidence_here - none.evidence_here)
     field = [fit for fit in alone if fit.score.evidence >= least]
-    for size in SPRING_SIZES:
+    for size in SEARCH.spring_sizes:
         p = _set_springs(shooting.arm, words, springs, _carry_over_parameters(shooting.arm, lead), size)
         field.append(
             start_fit(at, words, (*springs, *beside), near, OperatingPoint(p, shooting.measured_initial_states(p)))
@@ -130,7 +129,7 @@ def _narrow_spring_bounds(flexible: Arm) -> None:
     """Limit the springs and their damping to values that the step integrates stably."""
     described = flexible.parameters.described
     names = list(described)
-    for place, (least, most) in flexible.stability.spring_bounds(SPRING_STEP).items():
+    for place, (least, most) in flexible.stability.spring_bounds(SEARCH.spring_step).items():
         q = described[names[place]]
         low, high = min(max(q.low, least), q.nominal), max(min(q.high, most), q.nominal)
         described[names[place]] = replace(q, low=low, high=high)

@@ -20,11 +20,10 @@ from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import count_torque_steps
 from hdagen.diagnosis.initialization.initial_guess import InitialGuess
+from hdagen.diagnosis.search.null_model_settings import NULL_MODEL
 
 RIPPLE_EFFECT = "torque_ripple"
-RIPPLE_ORDERS = np.arange(1, 97)  # cycles in a turn of the motor
-CLEAR_ORDER_GAIN = 12.0  # times the median gain of all orders, from which an order stands out
-MOST_RIPPLE_ORDERS = 3  # orders that are tried
+RIPPLE_ORDERS = np.arange(1, NULL_MODEL.largest_ripple_order + 1)  # cycles in a turn of the motor
 
 
 def suggest_ripple_orders(nothing: Fit, suggested: InitialGuess) -> InitialGuess:
@@ -43,7 +42,9 @@ def suggest_ripple_orders(nothing: Fit, suggested: InitialGuess) -> InitialGuess
         name = f"ripple_order_{j}"
         if name in arm.parameters.described:
             usual = arm.parameters.described[name].starts
-            shapes[name] = tuple(dict.fromkeys((*_clearest_orders(nothing, j), *usual)))[: MOST_RIPPLE_ORDERS + 1]
+            shapes[name] = tuple(dict.fromkeys((*_clearest_orders(nothing, j), *usual)))[
+                : NULL_MODEL.most_ripple_orders + 1
+            ]
     return replace(suggested, shapes=shapes)
 
 
@@ -79,8 +80,8 @@ def _clearest_orders(fit: Fit, j: int) -> tuple[float, ...]:
     if not len(orders) or not is_determined(waves[0]):
         return ()
     gains = np.array([_wave_gain(own, wave) for wave in waves])
-    best = np.argsort(-gains)[:MOST_RIPPLE_ORDERS]
-    return tuple(float(orders[k]) for k in best if gains[k] > CLEAR_ORDER_GAIN * np.median(gains))
+    best = np.argsort(-gains)[: NULL_MODEL.most_ripple_orders]
+    return tuple(float(orders[k]) for k in best if gains[k] > NULL_MODEL.clear_order_gain * np.median(gains))
 
 
 def _mean_waves(shooting: MultipleShooting, j: int) -> tuple[Array, Array]:

@@ -5,15 +5,8 @@ import pytest
 from replayed import simulated
 
 from hdagen.arm.compiled_arm import load
-from hdagen.diagnosis.data.split import (
-    FEWEST_HOLDOUT_SPANS,
-    HOLDOUT_SHARE,
-    HOLDOUT_SPAN,
-    LogPortion,
-    mark_holdout_blocks,
-    split_in_halves,
-    split_logs,
-)
+from hdagen.diagnosis.data.data_settings import DATA
+from hdagen.diagnosis.data.split import LogPortion, mark_holdout_blocks, split_in_halves, split_logs
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint, compute_sensitivities
@@ -28,8 +21,8 @@ REACH = 0.03  # s
 def test_a_fifth_is_held_out_a_block_in_each_span(length: float) -> None:
     time = 3.0 + np.arange(0.0, length, 1e-3)
     held = mark_holdout_blocks(time)
-    assert held.mean() == pytest.approx(HOLDOUT_SHARE, abs=0.01)
-    count = max(FEWEST_HOLDOUT_SPANS, round(length / HOLDOUT_SPAN))
+    assert held.mean() == pytest.approx(DATA.holdout_share, abs=0.01)
+    count = max(DATA.fewest_holdout_spans, round(length / DATA.holdout_span))
     found = LogPortion(Log(time, {"motor_position_1": time}, 1, "made"), held).spans
     assert len(found) == count
     span = (time[-1] - time[0]) / count

@@ -12,10 +12,8 @@ import pytest
 
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.decision import calibration
+from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.posterior import (
-    FORM_CORRECTION_SHARE,
-    MOST_EVIDENCE_DEFICIT,
-    RARE_PARAMETER_DEVIATION,
     Hypothesis,
     _add_shifted_base_parameters,
     _compute_unknown_odds,
@@ -55,8 +53,8 @@ PLACES = {
 def test_what_may_only_make_up_for_a_formula_must_bring_a_share(leader: str, companion: str, sort: bool) -> None:
     both = tuple(sorted((leader, companion)))
     for share, said in (
-        (0.9 * FORM_CORRECTION_SHARE, (leader,) if sort else both),
-        (1.1 * FORM_CORRECTION_SHARE, both),
+        (0.9 * DECISION.form_correction_share, (leader,) if sort else both),
+        (1.1 * DECISION.form_correction_share, both),
     ):
         evidence = {(): -50.0, (leader,): 0.0, (companion,): -49.0, both: 50.0 * share}
         assert _drop_negligible(both, {leader: 3.0, companion: 2.0}, evidence, PLACES) == said
@@ -76,10 +74,10 @@ def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
     ("tolerances", "std", "there"),
     [
         (2.1, 0.1, False),  # one in thirty is
-        (RARE_PARAMETER_DEVIATION - 0.1, 0.1, False),
-        (RARE_PARAMETER_DEVIATION + 0.1, 0.1, True),
-        (-RARE_PARAMETER_DEVIATION - 0.1, 0.1, True),
-        (RARE_PARAMETER_DEVIATION + 0.1, 0.6, False),  # not told
+        (DECISION.rare_parameter_deviation - 0.1, 0.1, False),
+        (DECISION.rare_parameter_deviation + 0.1, 0.1, True),
+        (-DECISION.rare_parameter_deviation - 0.1, 0.1, True),
+        (DECISION.rare_parameter_deviation + 0.1, 0.6, False),  # not told
     ],
 )
 def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
@@ -165,7 +163,12 @@ def beside_a_bias(size: float, leaves: float, alone: float | None = None) -> Any
 
 @pytest.mark.parametrize(
     ("alone", "done"),
-    [(-1.0, True), (5.0, True), (1.0 - MOST_EVIDENCE_DEFICIT, True), (-1.0 - MOST_EVIDENCE_DEFICIT, False)],
+    [
+        (-1.0, True),
+        (5.0, True),
+        (1.0 - DECISION.most_evidence_deficit, True),
+        (-1.0 - DECISION.most_evidence_deficit, False),
+    ],
 )
 def test_a_fit_that_was_left_on_the_way_does_not_stand_for_its_set(alone: float, done: bool) -> None:
     search = beside_a_bias(0.5, 0.0, alone)

@@ -10,13 +10,9 @@ import numpy as np
 import pytest
 
 from hdagen.arm.arm_parameters import Parameter
-from hdagen.diagnosis.decision.direct_evidence import (
-    DIRECT_EVIDENCE_SHARE,
-    DirectEvidence,
-    _find_encoder_effects,
-    add_direct_evidence,
-)
+from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, _find_encoder_effects, add_direct_evidence
 from hdagen.diagnosis.decision.direct_evidence import add_motor_torque as within
+from hdagen.diagnosis.decision.direct_evidence_settings import DIRECT_EVIDENCE
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.initialization.encoder_regression import EncoderDifference
 
@@ -63,9 +59,13 @@ def between(seed: int, strange: float = 3.0, **truth: float) -> EncoderDifferenc
 def test_an_age_is_read_off_though_the_torque_is_not_known(seed: int) -> None:
     found = {one.name: one for one in _find_encoder_effects(within(between(seed, sensor_delay=3e-3)))}
     told = found["sensor_delay@1"]
-    assert told.remaining_share < DIRECT_EVIDENCE_SHARE
+    assert told.remaining_share < DIRECT_EVIDENCE.largest_remaining_share
     assert told.parameters["sensor_delay_1"] == pytest.approx(3e-3, rel=0.3)  # the torque goes with the speed, too
-    assert all(one.remaining_share > DIRECT_EVIDENCE_SHARE for name, one in found.items() if name != "sensor_delay@1")
+    assert all(
+        one.remaining_share > DIRECT_EVIDENCE.largest_remaining_share
+        for name, one in found.items()
+        if name != "sensor_delay@1"
+    )
 
 
 def test_an_eccentricity_beside_an_age_is_read_off_too() -> None:
@@ -73,7 +73,7 @@ def test_an_eccentricity_beside_an_age_is_read_off_too() -> None:
         one.name: one
         for one in _find_encoder_effects(within(between(7, 0.1, sensor_delay=3e-3, eccentricity_sine=1.1e-3)))
     }
-    assert {name for name, one in found.items() if one.remaining_share < DIRECT_EVIDENCE_SHARE} >= {
+    assert {name for name, one in found.items() if one.remaining_share < DIRECT_EVIDENCE.largest_remaining_share} >= {
         "sensor_delay@1",
         "encoder_eccentricity@1",
     }
@@ -87,9 +87,15 @@ def test_a_cable_is_no_eccentricity(seed: int) -> None:
     pulled = replace(
         one, twist=one.twist + 6.0 * one.angle / STIFFNESS, motor_terms=one.motor_terms + 6.0 * one.angle[:, None]
     )
-    assert [found for found in _find_encoder_effects(pulled) if found.remaining_share < DIRECT_EVIDENCE_SHARE]
+    assert [
+        found
+        for found in _find_encoder_effects(pulled)
+        if found.remaining_share < DIRECT_EVIDENCE.largest_remaining_share
+    ]
     assert not [
-        found for found in _find_encoder_effects(within(pulled)) if found.remaining_share < DIRECT_EVIDENCE_SHARE
+        found
+        for found in _find_encoder_effects(within(pulled))
+        if found.remaining_share < DIRECT_EVIDENCE.largest_remaining_share
     ]
 
 
@@ -97,7 +103,9 @@ def test_a_cable_is_no_eccentricity(seed: int) -> None:
 def test_where_there_is_nothing_nothing_is_read_off(seed: int) -> None:
     """The torque that is not known twists the joint by a third of a milliradian, and no encoder errs."""
     assert not [
-        one for one in _find_encoder_effects(within(between(seed))) if one.remaining_share < DIRECT_EVIDENCE_SHARE
+        one
+        for one in _find_encoder_effects(within(between(seed)))
+        if one.remaining_share < DIRECT_EVIDENCE.largest_remaining_share
     ]
 
 

@@ -12,7 +12,8 @@ from test_diagnosis_decision import beside_a_bias
 from hdagen.diagnosis.data.gap import evaluate_gap, measure_block_errors
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import score_hypotheses
-from hdagen.diagnosis.holdout.long_window_prediction import ERROR_MARGIN, compare_errors
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
+from hdagen.diagnosis.holdout.long_window_prediction import compare_errors
 from hdagen.log.measured_log import Log
 
 THERMAL = ("thermal_friction@2",)
@@ -30,7 +31,7 @@ def test_below_the_noise_nothing_errs_more_than_another() -> None:
 def test_each_block_counts_as_one_observation_of_a_scale() -> None:
     best = np.full(20, 10.0)
     lost = compare_errors(np.stack([best, 6.0 * best]))
-    assert lost.tolist() == pytest.approx([0.0, -20 * math.log(6.0 / ERROR_MARGIN)])
+    assert lost.tolist() == pytest.approx([0.0, -20 * math.log(6.0 / HOLDOUT_CHECK.error_margin)])
     assert compare_errors(np.stack([best[:5], 6.0 * best[:5]])).tolist() == pytest.approx([0.0, lost[1] / 4])
 
 

@@ -14,9 +14,11 @@ from replayed import FLEXIBLE, simulated
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.posterior import Hypothesis
-from hdagen.diagnosis.decision.verdict_content import LEAST_ALTERNATIVE_PROBABILITY, _compute_alternative_probability
-from hdagen.diagnosis.holdout.hypothesis_ranking import MOST_RANKED_HYPOTHESES, rank_hypotheses
+from hdagen.diagnosis.decision.verdict_content import _compute_alternative_probability
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
+from hdagen.diagnosis.holdout.hypothesis_ranking import rank_hypotheses
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import InitialGuess
@@ -55,7 +57,10 @@ def test_each_rung_is_a_hypothesis_with_its_own_parameters(build: Builder) -> No
         Hypothesis(("unknown@1",), 0.05, None),
         Hypothesis(cable, 0.03, stands(arm, words, cable, {"cable_stiffness_1": 1.5})),
         Hypothesis((), 0.02, stands(arm, words, (), {"mass_1": 2.0 * mass})),
-        *(Hypothesis(bias, 0.0, stands(arm, words, bias, {"bias_2": 0.01})) for _ in range(MOST_RANKED_HYPOTHESES)),
+        *(
+            Hypothesis(bias, 0.0, stands(arm, words, bias, {"bias_2": 0.01}))
+            for _ in range(HOLDOUT_CHECK.most_ranked_hypotheses)
+        ),
     ]
     decision: Any = SimpleNamespace(hypotheses=hypotheses, verdict=both, probability=0.9)
     bases: list[float] = []
@@ -67,7 +72,7 @@ def test_each_rung_is_a_hypothesis_with_its_own_parameters(build: Builder) -> No
     found = rank_hypotheses(decision, list(both), before, whole, held, seen)
     by = {(one["model"], tuple(one["effects"])): one for one in found}
     assert [one["gap"] for one in found] == sorted((one["gap"] for one in found), reverse=True)
-    assert len(found) == 3 + MOST_RANKED_HYPOTHESES and ("hypothesis", ("unknown@1",)) not in by
+    assert len(found) == 3 + HOLDOUT_CHECK.most_ranked_hypotheses and ("hypothesis", ("unknown@1",)) not in by
     exact = evaluate_gap(before, whole, held)
     assert by["robot file", ()]["gap"] == pytest.approx(exact["before"]) and by["robot file", ()]["probability"] is None
     assert by["verdict", both]["gap"] == pytest.approx(exact["after"]) and by["verdict", both]["probability"] == 0.9
@@ -110,6 +115,6 @@ def test_only_what_may_be_there_in_its_place_is_confounded_with_an_effect(name: 
     }
     hypotheses = [Hypothesis(n, p, None) for n, p in sets.items()]
     decision: Any = SimpleNamespace(verdict=verdict, hypotheses=hypotheses, direct_evidence={})
-    assert (_compute_alternative_probability(decision, name, other) > LEAST_ALTERNATIVE_PROBABILITY) is instead
+    assert (_compute_alternative_probability(decision, name, other) > DECISION.least_mentioned_probability) is instead
     decision.beside = {name: {}}  # read off, and surely there
     assert _compute_alternative_probability(decision, name, other) == 0.0

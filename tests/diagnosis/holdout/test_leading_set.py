@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 
-from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
-from hdagen.diagnosis.decision.posterior import SURE_BELOW, Decision, Hypothesis
-from hdagen.diagnosis.holdout.leading_set import LEADING_GAP_RATIO, lead_on_unseen_motion
+from hdagen.diagnosis.data.data_settings import DATA
+from hdagen.diagnosis.decision.decision_settings import DECISION
+from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
+from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion
 
 LEAD, OTHER, THIRD = ("torque_ripple@1",), ("coulomb_friction@1",), ("coulomb_friction@1", "viscous_friction@1")
 
@@ -31,15 +33,15 @@ def test_the_set_that_tells_unseen_motion_several_times_better_leads_and_is_not_
     found = lead({LEAD: 926.0, OTHER: 80.0, THIRD: 74.0})
     assert found.verdict == THIRD
     assert found.hypotheses[0].names == THIRD and found.hypotheses[0].fit is found.best
-    assert not found.is_sure and SURE_BELOW < found.marginal_probability(LEAD[0]) < found.probability
+    assert not found.is_sure and DECISION.sure_below < found.marginal_probability(LEAD[0]) < found.probability
     assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
     ("gaps", "why"),
     [
-        ({LEAD: 926.0, OTHER: 926.0 / LEADING_GAP_RATIO + 1.0, THIRD: 900.0}, "not several times"),
-        ({LEAD: SIGNIFICANT_NOISE_MULTIPLE, OTHER: 1.0, THIRD: 1.0}, "nothing is left that counts"),
+        ({LEAD: 926.0, OTHER: 926.0 / HOLDOUT_CHECK.leading_gap_ratio + 1.0, THIRD: 900.0}, "not several times"),
+        ({LEAD: DATA.significant_noise_multiple, OTHER: 1.0, THIRD: 1.0}, "nothing is left that counts"),
     ],
 )
 def test_the_most_probable_set_leads_otherwise(gaps: dict[tuple[str, ...], float], why: str) -> None:

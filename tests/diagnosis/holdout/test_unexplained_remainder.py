@@ -7,13 +7,9 @@ from typing import Any
 import pytest
 from test_result_shapes import CHANNEL, FRICTION, content
 
-from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
-from hdagen.diagnosis.holdout.unexplained_remainder import (
-    NAMED_REMAINDER_SHARE,
-    is_as_good_as_it_gets,
-    measure_remainders,
-    name_remainders,
-)
+from hdagen.diagnosis.data.data_settings import DATA
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
+from hdagen.diagnosis.holdout.unexplained_remainder import is_as_good_as_it_gets, measure_remainders, name_remainders
 from hdagen.diagnosis.report.sentences import write_verdict
 
 
@@ -39,9 +35,9 @@ def test_a_joint_is_explained_as_well_as_its_best_channel_is() -> None:
 @pytest.mark.parametrize(
     ("share", "noise", "said"),
     [
-        (NAMED_REMAINDER_SHARE + 0.01, SIGNIFICANT_NOISE_MULTIPLE + 1.0, True),
-        (NAMED_REMAINDER_SHARE - 0.01, 1000.0, False),  # most of it is explained
-        (1.0, SIGNIFICANT_NOISE_MULTIPLE - 1.0, False),  # it is near the noise
+        (HOLDOUT_CHECK.named_remainder_share + 0.01, DATA.significant_noise_multiple + 1.0, True),
+        (HOLDOUT_CHECK.named_remainder_share - 0.01, 1000.0, False),  # most of it is explained
+        (1.0, DATA.significant_noise_multiple - 1.0, False),  # it is near the noise
     ],
 )
 def test_much_that_remains_stands_beside_what_is_named(share: float, noise: float, said: bool) -> None:

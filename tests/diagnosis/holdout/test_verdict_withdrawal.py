@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from hdagen.adoption import verdict
-from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout import verdict_withdrawal
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import (
     LEAST_UNKNOWN_ODDS,
-    MOST_REMAINING_SHARE,
     _closes_gap,
     doubt_on_holdout,
     is_at_bound,
@@ -97,8 +97,8 @@ def test_a_torque_sensor_that_is_explained_is_enough_and_one_that_did_not_err_sa
 
 
 def test_what_is_left_within_a_few_times_the_noise_does_not_count() -> None:
-    near = replay(dict.fromkeys(FAR, 0.9 * SIGNIFICANT_NOISE_MULTIPLE))
-    assert worst(replay(dict.fromkeys(FAR, SIGNIFICANT_NOISE_MULTIPLE)), near, near, {1, 2})[1] == 0.0
+    near = replay(dict.fromkeys(FAR, 0.9 * DATA.significant_noise_multiple))
+    assert worst(replay(dict.fromkeys(FAR, DATA.significant_noise_multiple)), near, near, {1, 2})[1] == 0.0
     assert worst(replay({}), replay({}), replay({}), {1, 2})[1] == 0.0
 
 
@@ -110,7 +110,12 @@ def whole_fit(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     ("first", "says"),
-    [(0.02, False), (MOST_REMAINING_SHARE - 0.01, False), (MOST_REMAINING_SHARE + 0.01, True), (1.0, True)],
+    [
+        (0.02, False),
+        (HOLDOUT_CHECK.most_remaining_share - 0.01, False),
+        (HOLDOUT_CHECK.most_remaining_share + 0.01, True),
+        (1.0, True),
+    ],
 )
 @pytest.mark.parametrize("names", [(), ("payload@1",)])
 def test_what_leaves_most_of_a_joints_gap_is_unknown_there(names: tuple[str, ...], first: float, says: bool) -> None:
@@ -231,14 +236,20 @@ def is_unknown(found: Decision, odds: float) -> bool:
 SAID = ("payload@2",)
 
 
-@pytest.mark.parametrize("most", [0.02, 0.2, 0.5, MOST_REMAINING_SHARE - 1e-3, MOST_REMAINING_SHARE + 1e-3, 1.0])
+@pytest.mark.parametrize(
+    "most", [0.02, 0.2, 0.5, HOLDOUT_CHECK.most_remaining_share - 1e-3, HOLDOUT_CHECK.most_remaining_share + 1e-3, 1.0]
+)
 def test_what_closes_a_third_of_its_joints_error_is_there(most: float) -> None:
     """Whatever is unknown beside it: of odds of 9 no more than what is left of two thirds stays."""
     structure = replay(dict.fromkeys(FAR, 1.0))  # a regression tells it all
     found = reweigh_unknown(strange(0.9), SAID, motion(structure), left(0.01, most))
-    assert found.verdict == (SAID if most <= MOST_REMAINING_SHARE else ("unknown@1",))
-    odds = 9.0 * min(most / MOST_REMAINING_SHARE, 1.0) ** 4
-    expected = min(odds, 0.75 * most / MOST_REMAINING_SHARE) if most <= MOST_REMAINING_SHARE else odds
+    assert found.verdict == (SAID if most <= HOLDOUT_CHECK.most_remaining_share else ("unknown@1",))
+    odds = 9.0 * min(most / HOLDOUT_CHECK.most_remaining_share, 1.0) ** 4
+    expected = (
+        min(odds, 0.75 * most / HOLDOUT_CHECK.most_remaining_share)
+        if most <= HOLDOUT_CHECK.most_remaining_share
+        else odds
+    )
     assert is_unknown(found, expected)
 
 
@@ -254,7 +265,7 @@ def test_what_base_parameters_close_by_themselves_is_not_the_effects() -> None:
 
 
 def test_within_a_few_times_the_noise_nothing_is_unknown() -> None:
-    near = replay(dict.fromkeys(FAR, 0.9 * SIGNIFICANT_NOISE_MULTIPLE))
+    near = replay(dict.fromkeys(FAR, 0.9 * DATA.significant_noise_multiple))
     for flexible in (near, replay(FAR)):
         found = reweigh_unknown(strange(0.999), SAID, motion(flexible), near)
         assert found.verdict == SAID and not found.is_sure  # short windows do not tell it

@@ -15,10 +15,10 @@ from hdagen.diagnosis.data.gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict
-from hdagen.diagnosis.inference.candidate_priors import SPIKE_SCALES
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
+from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.local_fit import Fit, rescale_spikes
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import LIKELIHOOD_TEMPERATURE
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import InitialGuess, guess_from_log
 from hdagen.diagnosis.search.null_model import fit_without_effects
@@ -46,16 +46,18 @@ def none(build: Builder, share: float, ripple: float = 0.0) -> tuple[Fit, Initia
     return fit_without_effects(shooting, build_candidates(arm, hints)), hints
 
 
-@pytest.mark.parametrize(("share", "found"), [(0.0, SPIKE_SCALES[-1:]), (SPIKE_SCALES[0], SPIKE_SCALES[:2])])
+@pytest.mark.parametrize(
+    ("share", "found"), [(0.0, CANDIDATES.spike_scales[-1:]), (CANDIDATES.spike_scales[0], CANDIDATES.spike_scales[:2])]
+)
 def test_a_log_says_how_little_of_everything_it_has(build: Builder, share: float, found: tuple[float, ...]) -> None:
     fit = none(build, share)[0]
     assert fit.sensitivities.candidates.spike_scale in found
-    each = {s: rescale_spikes(fit, s).score.posterior.evidence for s in SPIKE_SCALES}
+    each = {s: rescale_spikes(fit, s).score.posterior.evidence for s in CANDIDATES.spike_scales}
     assert max(each, key=lambda s: each[s]) == fit.sensitivities.candidates.spike_scale
 
 
 def test_a_ripple_s_order_is_found_though_a_little_of_everything_is_there(build: Builder) -> None:
-    fit, hints = none(build, 0.5 * SPIKE_SCALES[0], RIPPLE)
+    fit, hints = none(build, 0.5 * CANDIDATES.spike_scales[0], RIPPLE)
     usual = fit.sensitivities.shooting.arm.parameters.described["ripple_order_1"].starts
     assert ORDER not in usual
     assert suggest_ripple_orders(fit, hints).shapes["ripple_order_1"][0] == ORDER
@@ -96,18 +98,18 @@ def test_an_order_that_is_heard_is_one_more_atom(build: Builder) -> None:
 
 
 def test_another_share_is_the_same_there_and_back_with_or_without_columns(build: Builder) -> None:
-    fit = none(build, SPIKE_SCALES[0])[0]
+    fit = none(build, CANDIDATES.spike_scales[0])[0]
     words = fit.sensitivities.candidates
-    there = words.with_spike_scale(SPIKE_SCALES[-1])
+    there = words.with_spike_scale(CANDIDATES.spike_scales[-1])
     assert (
-        there.spike_scale == SPIKE_SCALES[-1]
+        there.spike_scale == CANDIDATES.spike_scales[-1]
         and (there.spike_widths <= words.spike_widths).all()
         and (there.spike_widths < words.spike_widths).any()
     )
     np.testing.assert_allclose(there.with_spike_scale(words.spike_scale).spike_widths, words.spike_widths, rtol=1e-9)
     rest = [c for c in words.columns if c.candidate < 0]
     assert [c for c in there.columns if c.candidate < 0] == rest
-    for share in SPIKE_SCALES:
+    for share in CANDIDATES.spike_scales:
         whole, bare = rescale_spikes(fit, share), rescale_spikes(fit.without_columns(), share)
         assert whole.has_columns and not bare.has_columns and bare.sensitivities.candidates.spike_scale == share
         assert bare.noise_only_evidence - bare.score.evidence == pytest.approx(
@@ -120,11 +122,11 @@ def test_another_share_is_the_same_there_and_back_with_or_without_columns(build:
         elif s == fit.score.posterior.s:
             assert bare.score.evidence == pytest.approx(whole.score.evidence, abs=2.0)
         assert kappa2.shape == fit.score.posterior.kappa2.shape and whole.tempered_evidence(
-            LIKELIHOOD_TEMPERATURE
+            LIKELIHOOD.likelihood_temperature
         ) == pytest.approx(whole.evidence_here)
 
 
-@pytest.mark.parametrize("share", SPIKE_SCALES)
+@pytest.mark.parametrize("share", CANDIDATES.spike_scales)
 def test_a_wall_that_no_one_meant_is_tolerated_as_a_cable_is(build: Builder, share: float) -> None:
     arm = Arm(build(FLEXIBLE, effects=("contact", "cable_spring")).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {})).with_spike_scale(share)

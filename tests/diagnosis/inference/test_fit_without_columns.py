@@ -12,9 +12,10 @@ from test_shooting import shooting
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.diagnosis.inference import local_fit
-from hdagen.diagnosis.inference.candidate_priors import NUISANCE_LIMIT, SPIKE_SCALES
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
+from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.local_fit import Fit, advance_fit, refit_swapping, start_fit
-from hdagen.diagnosis.inference.sensitivities import LIKELIHOOD_TEMPERATURE, OperatingPoint, compute_sensitivities
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, compute_sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 
@@ -45,14 +46,14 @@ def test_what_was_let_go_of_tells_what_it_told(fit: Fit, excess: float) -> None:
     )
     assert len(fit.subsets) == 4
     for atoms in fit.subsets:
-        assert bare.tempered_evidence(excess * LIKELIHOOD_TEMPERATURE, atoms) == fit.tempered_evidence(
-            excess * LIKELIHOOD_TEMPERATURE, atoms
+        assert bare.tempered_evidence(excess * LIKELIHOOD.likelihood_temperature, atoms) == fit.tempered_evidence(
+            excess * LIKELIHOOD.likelihood_temperature, atoms
         )
 
 
 def test_the_evidence_is_what_is_reached_at_the_temperature_of_the_fit(fit: Fit) -> None:
-    assert fit.tempered_evidence(LIKELIHOOD_TEMPERATURE) == pytest.approx(fit.evidence_here, rel=1e-9)
-    values = [fit.tempered_evidence(t * LIKELIHOOD_TEMPERATURE) for t in (1.0, 2.0, 4.0)]
+    assert fit.tempered_evidence(LIKELIHOOD.likelihood_temperature) == pytest.approx(fit.evidence_here, rel=1e-9)
+    values = [fit.tempered_evidence(t * LIKELIHOOD.likelihood_temperature) for t in (1.0, 2.0, 4.0)]
     assert values == sorted(values)
 
 
@@ -71,7 +72,7 @@ def test_another_effect_begins_where_the_linear_model_has_it(fit: Fit) -> None:
     for c in at.candidates.columns:
         if c.candidate in fit.effects and c.spike_width < 1.0:
             off = found.sensitivities.point.p[c.index] - c.center
-            assert abs(off) <= NUISANCE_LIMIT * SPIKE_SCALES[0] * abs(c.unit) * (1 + 1e-9)
+            assert abs(off) <= CANDIDATES.nuisance_limit * CANDIDATES.spike_scales[0] * abs(c.unit) * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("error", [PlantError("begun must be finite."), LinAlgError("singular")])

@@ -11,9 +11,9 @@ import pytest
 from hdagen.diagnosis.inference import local_fit
 from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
-from hdagen.diagnosis.inference.gauss_newton import LEAST_EVIDENCE_STEP
+from hdagen.diagnosis.inference.fit_settings import FIT
 from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel, NormalEquations
-from hdagen.diagnosis.inference.local_fit import STIFF_TORQUE_SHARE, Fit, advance_fit
+from hdagen.diagnosis.inference.local_fit import Fit, advance_fit
 from hdagen.diagnosis.inference.marginal_likelihood import (
     TORQUE_GRID,
     apply_laplace,
@@ -21,16 +21,9 @@ from hdagen.diagnosis.inference.marginal_likelihood import (
     solve_with_scales,
 )
 from hdagen.diagnosis.search import hypothesis_search, multistart
-from hdagen.diagnosis.search.fit_order import EFFECT_PENALTY, first_with_columns
-from hdagen.diagnosis.search.hypothesis_search import (
-    CLOSE_CALL_MARGIN,
-    LEAST_EVIDENCE_GAIN,
-    LEAST_PROMISE_SHARE,
-    OUTDONE_RATIO,
-    _drop_undeserved,
-    _run_race,
-    _start_promising,
-)
+from hdagen.diagnosis.search.fit_order import first_with_columns
+from hdagen.diagnosis.search.hypothesis_search import _drop_undeserved, _run_race, _start_promising
+from hdagen.diagnosis.search.search_settings import SEARCH
 
 
 def shaken(s: float) -> LinearModel:
@@ -83,28 +76,40 @@ def fit(evidence: float, ahead: float = 0.0, level: float = 1.0, **more: Any) ->
 @pytest.mark.parametrize(
     ("ahead", "level", "ends", "found", "tried"),
     [
-        (0.5, 1.0, {STIFF_TORQUE_SHARE: -90.0, 1.0: -85.0}, -90.0, [STIFF_TORQUE_SHARE]),  # the first that is better
-        (0.5, 1.0, {STIFF_TORQUE_SHARE: -103.0, 1.0: -95.0}, -95.0, [STIFF_TORQUE_SHARE, 1.0]),
-        (0.5, 1.0, {STIFF_TORQUE_SHARE: -103.0, 1.0: -101.0}, -100.0, [STIFF_TORQUE_SHARE, 1.0]),
-        (0.5, 1.0, {STIFF_TORQUE_SHARE: None, 1.0: None}, -100.0, [STIFF_TORQUE_SHARE, 1.0]),
         (
             0.5,
             1.0,
-            {STIFF_TORQUE_SHARE: -99.99, 1.0: -95.0},
+            {FIT.stiff_torque_share: -90.0, 1.0: -85.0},
+            -90.0,
+            [FIT.stiff_torque_share],
+        ),  # the first that is better
+        (0.5, 1.0, {FIT.stiff_torque_share: -103.0, 1.0: -95.0}, -95.0, [FIT.stiff_torque_share, 1.0]),
+        (0.5, 1.0, {FIT.stiff_torque_share: -103.0, 1.0: -101.0}, -100.0, [FIT.stiff_torque_share, 1.0]),
+        (0.5, 1.0, {FIT.stiff_torque_share: None, 1.0: None}, -100.0, [FIT.stiff_torque_share, 1.0]),
+        (
+            0.5,
+            1.0,
+            {FIT.stiff_torque_share: -99.99, 1.0: -95.0},
             -95.0,
-            [STIFF_TORQUE_SHARE, 1.0],
+            [FIT.stiff_torque_share, 1.0],
         ),  # a little is no reason to stand
-        (0.5, 9.0, {STIFF_TORQUE_SHARE: -90.0, 1.0: -95.0}, -95.0, [1.0]),  # where the log leaves many times its noise
-        (0.5, 9.0, {STIFF_TORQUE_SHARE: -90.0, 1.0: -105.0}, -90.0, [1.0, STIFF_TORQUE_SHARE]),
+        (
+            0.5,
+            9.0,
+            {FIT.stiff_torque_share: -90.0, 1.0: -95.0},
+            -95.0,
+            [1.0],
+        ),  # where the log leaves many times its noise
+        (0.5, 9.0, {FIT.stiff_torque_share: -90.0, 1.0: -105.0}, -90.0, [1.0, FIT.stiff_torque_share]),
         (
             40.0,
             1.0,
-            {STIFF_TORQUE_SHARE: -130.0, 1.0: -145.0},
+            {FIT.stiff_torque_share: -130.0, 1.0: -145.0},
             -130.0,
-            [STIFF_TORQUE_SHARE, 1.0],
+            [FIT.stiff_torque_share, 1.0],
         ),  # better than what was reached
-        (40.0, 1.0, {STIFF_TORQUE_SHARE: -141.0, 1.0: -145.0}, -100.0, [STIFF_TORQUE_SHARE, 1.0]),
-        (0.05, 1.0, {STIFF_TORQUE_SHARE: -90.0, 1.0: -85.0}, -100.0, []),  # its own linear model promises no more
+        (40.0, 1.0, {FIT.stiff_torque_share: -141.0, 1.0: -145.0}, -100.0, [FIT.stiff_torque_share, 1.0]),
+        (0.05, 1.0, {FIT.stiff_torque_share: -90.0, 1.0: -85.0}, -100.0, []),  # its own linear model promises no more
     ],
 )
 def test_a_step_is_kept_that_beats_what_was_reached(
@@ -138,9 +143,9 @@ def test_a_step_is_kept_that_beats_what_was_reached(
 def test_a_fit_that_hardly_gets_better_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     there: Any = SimpleNamespace(cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=0)
     monkeypatch.setattr(local_fit, "descend_gauss_newton", lambda *given: there)
-    for gain in (0.5 * LEAST_EVIDENCE_STEP, 2 * LEAST_EVIDENCE_STEP):
+    for gain in (0.5 * FIT.least_evidence_step, 2 * FIT.least_evidence_step):
         monkeypatch.setattr(local_fit, "_linearize_at", lambda *given, end=-100.0 + gain: fit(end))
-        assert advance_fit(fit(-100.0, 0.5), None).has_converged == (gain < LEAST_EVIDENCE_STEP)  # type: ignore[arg-type]
+        assert advance_fit(fit(-100.0, 0.5), None).has_converged == (gain < FIT.least_evidence_step)  # type: ignore[arg-type]
 
 
 def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,9 +176,9 @@ def runners(ends: dict[str, float]) -> Any:
 @pytest.mark.parametrize(
     ("lead", "other", "rounds"),
     [
-        (4.5 * CLOSE_CALL_MARGIN, 1.6 * CLOSE_CALL_MARGIN, 3),
-        (4.5 * CLOSE_CALL_MARGIN, 1.4 * CLOSE_CALL_MARGIN, 1),
-        (1.2 * CLOSE_CALL_MARGIN, 0.3 * CLOSE_CALL_MARGIN, 3),
+        (4.5 * SEARCH.close_call_margin, 1.6 * SEARCH.close_call_margin, 3),
+        (4.5 * SEARCH.close_call_margin, 1.4 * SEARCH.close_call_margin, 1),
+        (1.2 * SEARCH.close_call_margin, 0.3 * SEARCH.close_call_margin, 3),
     ],
 )
 def test_who_trails_by_little_is_fitted_to_the_end(
@@ -199,7 +204,12 @@ def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatc
     monkeypatch.setattr(
         hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
     )
-    ends = {"": 0.0, "leading": 30 * CLOSE_CALL_MARGIN, "some": 4 * CLOSE_CALL_MARGIN, "faint": 2 * CLOSE_CALL_MARGIN}
+    ends = {
+        "": 0.0,
+        "leading": 30 * SEARCH.close_call_margin,
+        "some": 4 * SEARCH.close_call_margin,
+        "faint": 2 * SEARCH.close_call_margin,
+    }
     monkeypatch.setattr(hypothesis_search, "_is_outdone", lambda none, lead: False)
     found = _run_race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
     assert set(fitted) == {"", "leading", "some"}
@@ -208,14 +218,18 @@ def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatc
 
 def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     most = 100.0
-    gains = {"leading": most, "some": 1.1 * LEAST_PROMISE_SHARE * most, "faint": 0.9 * LEAST_PROMISE_SHARE * most}
+    gains = {
+        "leading": most,
+        "some": 1.1 * SEARCH.least_promise_share * most,
+        "faint": 0.9 * SEARCH.least_promise_share * most,
+    }
     words: Any = SimpleNamespace(members=[SimpleNamespace(name=name) for name in gains], fits=lambda *given: True)
     at: Any = SimpleNamespace(shooting=SimpleNamespace(arm=None))
     scored: Any = [SimpleNamespace(effects=(), evidence=-7.0, posterior=SimpleNamespace(s=0.1))]
     scored += [SimpleNamespace(effects=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
     monkeypatch.setattr(hypothesis_search, "start_fit", lambda at, words, atoms, near, start: atoms)
-    assert gains["faint"] > LEAST_EVIDENCE_GAIN
-    assert _start_promising(at, words, scored, {}, (), 9, LEAST_EVIDENCE_GAIN) == [(0,), (1,)]  # type: ignore[comparison-overlap]
+    assert gains["faint"] > SEARCH.least_evidence_gain
+    assert _start_promising(at, words, scored, {}, (), 9, SEARCH.least_evidence_gain) == [(0,), (1,)]  # type: ignore[comparison-overlap]
 
 
 def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,10 +239,10 @@ def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypa
     )
     field = runners(
         {
-            "ab": 10 * CLOSE_CALL_MARGIN,
-            "abc": 9.9 * CLOSE_CALL_MARGIN,
-            "a": 9.8 * CLOSE_CALL_MARGIN,
-            "b": 9.7 * CLOSE_CALL_MARGIN,
+            "ab": 10 * SEARCH.close_call_margin,
+            "abc": 9.9 * SEARCH.close_call_margin,
+            "a": 9.8 * SEARCH.close_call_margin,
+            "b": 9.7 * SEARCH.close_call_margin,
         }
     )
     _run_race(field, None, (1, 1), lambda word: None)  # type: ignore[arg-type]
@@ -243,14 +257,14 @@ def test_a_set_leads_only_if_it_is_ahead_by_more_than_the_prior_takes(ahead: flo
         def bare(self) -> Any:
             return Runner(**vars(self), whole=False)
 
-    ends = {"ab": ahead * EFFECT_PENALTY, "a": 0.0, "": -100.0}
+    ends = {"ab": ahead * SEARCH.effect_penalty, "a": 0.0, "": -100.0}
     field: Any = [Whole(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()]
     found = _drop_undeserved(field)
     assert [f.names for f in found] == list(ends)  # none is lost
     assert first_with_columns(found).names == leads
 
 
-@pytest.mark.parametrize(("lacks", "rounds"), [(0.9 * OUTDONE_RATIO, 3), (1.1 * OUTDONE_RATIO, 0)])
+@pytest.mark.parametrize(("lacks", "rounds"), [(0.9 * SEARCH.outdone_ratio, 3), (1.1 * SEARCH.outdone_ratio, 0)])
 def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_the_best_has_reached(
     monkeypatch: pytest.MonkeyPatch, lacks: float, rounds: int
 ) -> None:
@@ -283,7 +297,7 @@ def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:
     )
     tried = [point.p[:2] for point in multistart._displace_candidate(at, words, 0, atoms[0])]
     assert {tuple(np.sign(p)) for p in tried} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
-    assert max(np.abs(p).max() for p in tried) == max(multistart.SCANNED_SIZES)
+    assert max(np.abs(p).max() for p in tried) == max(SEARCH.scanned_sizes)
     assert not multistart._displace_candidate(at, words, 1, atoms[1])
 
 
@@ -317,7 +331,7 @@ def test_what_begins_where_the_lead_stands_ends_where_it_does_not_come_close(
     monkeypatch: pytest.MonkeyPatch, steps: list[float], close: bool
 ) -> None:
     def runner(evidence: float) -> Any:
-        score, given_up = SimpleNamespace(evidence=CLOSE_CALL_MARGIN * evidence), SimpleNamespace(whole=False)
+        score, given_up = SimpleNamespace(evidence=SEARCH.close_call_margin * evidence), SimpleNamespace(whole=False)
         given = {"names": ("one",), "excess": 1.0, "whole": True, "bare": lambda: given_up}
         return SimpleNamespace(atoms=(0,), score=score, reached=score.evidence, **given)
 

@@ -17,7 +17,8 @@ from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
-from hdagen.diagnosis.initialization.torque_regression import LARGEST_REGRESSED_SET, TorqueRegression
+from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
+from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.fit_order import sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_search import search_effects
 from hdagen.diagnosis.search.null_model import fit_null_model
@@ -95,7 +96,7 @@ def test_frictions_that_the_file_lacks_at_both_joints_are_found_together(
     found, words = regressed(arm, driven(arm, truth, gain=40.0 if not any(stated) else 120.0))
     sets = {words.names_of(one.effects): one for one in found.best_sets()}
     right = tuple(sorted(name.replace("_1", "@1").replace("_2", "@2") for name in truth))
-    assert right in sets and max(map(len, sets)) <= LARGEST_REGRESSED_SET
+    assert right in sets and max(map(len, sets)) <= INITIALIZATION.largest_regressed_set
     told = sizes(arm, words, sets[right].theta)
     assert told == pytest.approx(truth, rel=0.05)
 

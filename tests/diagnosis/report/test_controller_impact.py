@@ -8,7 +8,8 @@ from replayed import simulated
 
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.guarded_controller import Controller, Guard, Safe
-from hdagen.diagnosis.residuals.controller_impact import CONTROL_LAW, PRESS_DEPTH, WALL_STIFFNESS, compare_controllers
+from hdagen.diagnosis.residuals.controller_impact import CONTROL_LAW, compare_controllers
+from hdagen.diagnosis.residuals.controller_impact_settings import CONTROLLER_IMPACT
 
 
 def test_a_verdict_that_changes_nothing_changes_nothing() -> None:
@@ -27,7 +28,7 @@ def test_a_press_is_that_of_the_joints_stiffness_and_the_wall_in_series() -> Non
     reach = float(np.linalg.norm(tip))
     gains = Controller(plain, CONTROL_LAW, Guard(Safe.DAMPING, torque_rate=(1e3, 1e3), safe_damping=(0.02, 0.02))).gains
     stiffness = gains[next(name for name in gains if name.startswith("stiffness"))]
-    expected = PRESS_DEPTH / (1.0 / WALL_STIFFNESS + reach**2 / stiffness)
+    expected = CONTROLLER_IMPACT.press_depth / (1.0 / CONTROLLER_IMPACT.wall_stiffness + reach**2 / stiffness)
     force = compare_controllers(plain, plain, log).force[1]
     assert expected == pytest.approx(force, rel=0.3)  # the largest on the way: a little above that at rest
 

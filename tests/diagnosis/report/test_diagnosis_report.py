@@ -28,11 +28,12 @@ from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.pipeline import BLOCKS_TEXT
 from hdagen.diagnosis.report import report_page
 from hdagen.diagnosis.report.effect_plots import average_in_bins, draw_effect
-from hdagen.diagnosis.report.sentences import MOST_NAMED_ALTERNATIVES, explain_confounding, write_verdict
+from hdagen.diagnosis.report.report_settings import REPORT
+from hdagen.diagnosis.report.sentences import explain_confounding, write_verdict
 from hdagen.diagnosis.report.sentences import name_effect as in_words
+from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.diagnosis.residuals.localization import localize_gap, trace_residual
 from hdagen.diagnosis.residuals.regressor_tests import (
-    SIGNIFICANCE_LEVEL,
     Regressor,
     explain_by_orders,
     explain_variance,
@@ -40,7 +41,7 @@ from hdagen.diagnosis.residuals.regressor_tests import (
 )
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque, see_residual_torque
 from hdagen.diagnosis.residuals.spectra import Spectra, find_loudest_band
-from hdagen.diagnosis.residuals.whiteness import LJUNG_BOX_LAGS, measure_whiteness
+from hdagen.diagnosis.residuals.whiteness import measure_whiteness
 from hdagen.log.measured_log import Log
 from hdagen.pages.quantity import format_number
 from hdagen.prediction.window_replay import Replay, replay
@@ -354,9 +355,9 @@ def test_correlations_are_those_of_their_definition_and_the_test_has_its_level()
     found = measure_whiteness(noise, 40)
     direct = [noise[k:] @ noise[: len(noise) - k] / (noise @ noise) for k in range(41)]
     np.testing.assert_allclose(found.correlation, direct, atol=1e-12)
-    p = np.array([measure_whiteness(rng.standard_normal(400), LJUNG_BOX_LAGS).p for _ in range(300)])
+    p = np.array([measure_whiteness(rng.standard_normal(400), EXPLANATION.ljung_box_lags).p for _ in range(300)])
     assert 0.02 < np.mean(p < 0.05) < 0.1 and abs(np.mean(p) - 0.5) < 0.06
-    assert measure_whiteness(slow(rng, 500, 5), LJUNG_BOX_LAGS).p < 1e-9
+    assert measure_whiteness(slow(rng, 500, 5), EXPLANATION.ljung_box_lags).p < 1e-9
 
 
 def test_a_spectrum_has_the_density_of_its_noise_and_the_coherence_of_its_source() -> None:
@@ -402,7 +403,8 @@ def test_the_order_of_what_comes_back_with_an_angle_is_found_and_nothing_in_what
     assert first.order == 3 and first.p < 0.02 and first.share == pytest.approx(0.08 / 0.09, abs=0.05)
     assert all(one.share < 0.3 for one in rest)
     hits = sum(
-        explain_by_orders(slow(rng, 2000), np.cumsum(np.full(2000, 0.02)), range(1, 13))[0].p <= SIGNIFICANCE_LEVEL
+        explain_by_orders(slow(rng, 2000), np.cumsum(np.full(2000, 0.02)), range(1, 13))[0].p
+        <= EXPLANATION.significance_level
         for _ in range(60)
     )
     assert hits <= 6
@@ -624,17 +626,19 @@ def test_the_page_is_silent_and_asks_for_nothing(arm: Arm, tmp_path: Path) -> No
             assert tab.messages == [] and tab.requests == [path.as_uri()]
 
 
-@pytest.mark.parametrize("count", [1, MOST_NAMED_ALTERNATIVES, MOST_NAMED_ALTERNATIVES + 1, 28])
+@pytest.mark.parametrize("count", [1, REPORT.most_named_alternatives, REPORT.most_named_alternatives + 1, 28])
 def test_of_what_an_effect_may_also_be_the_nearest_are_named(count: int) -> None:
     others = [f"{effect.name}@1" for effect in ALL][:count]
     cause = {"effect": "sensor_delay", "joint": 2, "probability": 0.6, "confounded_with": others, "separate_by": "-"}
     said = explain_confounding({"verdict": ["sensor_delay@2"], "causes": [cause], "unseen": []})
     first = said.split("may also be ")[1].split(". ")[0]
     assert [o for o in others if in_words(o) in re.split(", (?!or one of)|, or", first)] == others[
-        :MOST_NAMED_ALTERNATIVES
+        : REPORT.most_named_alternatives
     ]
-    assert (f"{count - MOST_NAMED_ALTERNATIVES} others" in said) == (count > MOST_NAMED_ALTERNATIVES)
-    assert separating_experiments.suggest_experiments("sensor_delay@2", others[:MOST_NAMED_ALTERNATIVES]) in said
+    assert (f"{count - REPORT.most_named_alternatives} others" in said) == (count > REPORT.most_named_alternatives)
+    assert (
+        separating_experiments.suggest_experiments("sensor_delay@2", others[: REPORT.most_named_alternatives]) in said
+    )
 
 
 def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once() -> None:
