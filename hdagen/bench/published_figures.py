@@ -3,7 +3,8 @@
     python -m hdagen.bench.published_figures
 
 puts each table between its two markers, `<!-- NAME: begin -->` and `<!-- NAME: end -->`. SOURCES says which command
-makes which file; a bar that is missed stands there as missed.
+makes which file; a bar that is missed stands there as missed. The settings of a stage of the diagnosis are printed from
+the class that declares them, between the markers `settings STAGE`.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hdagen.bench import measured_tables, real_machine_tables
+from hdagen.bench import measured_tables, real_machine_tables, settings_tables
 from hdagen.bench.measured_tables import SourceContents
 from hdagen.blind import rates
+from hdagen.diagnosis.settings import STAGE_SETTINGS
 from hdagen.paper import document_tables
 from hdagen.support.atomic_write import write_atomically
 
@@ -82,7 +85,7 @@ def update_tables(text: str, found: SourceContents) -> str:
         ValueError: A marker stands alone.
 
     """
-    for name, table in DOCUMENT_TABLES.items():
+    for name, table in (DOCUMENT_TABLES | SETTINGS_TABLES).items():
         begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->\n"
         if begin not in text and end not in text:
             continue
@@ -94,6 +97,12 @@ def update_tables(text: str, found: SourceContents) -> str:
     return text
 
 
+def _build_settings_table(stage: str, found: SourceContents) -> str:
+    """A table of settings, which needs none of the sources."""
+    del found
+    return settings_tables.build_settings_table(stage)
+
+
 DOCUMENT_TABLES: dict[str, Callable[[SourceContents], str]] = {
     "reached": measured_tables.build_reached_table,
     "bench": measured_tables.build_bench_tables,
@@ -102,6 +111,11 @@ DOCUMENT_TABLES: dict[str, Callable[[SourceContents], str]] = {
     "blind": lambda found: rates.render_table(found["blind"]),
     **real_machine_tables.MACHINE_TABLES,
     "results": lambda found: f"\n{document_tables.render_tables(found['paper'])}\n\n",
+}
+
+
+SETTINGS_TABLES: dict[str, Callable[[SourceContents], str]] = {
+    f"settings {stage}": partial(_build_settings_table, stage) for stage in STAGE_SETTINGS
 }
 
 
