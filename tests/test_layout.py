@@ -289,6 +289,72 @@ def test_no_module_is_a_drawer() -> None:
     assert [name(p) for p in [*MODULES, *(ROOT / "tests").rglob("*.py")] if p.stem in drawers] == []
 
 
+# -- numbers ----------------------------------------------------------------------------------------------------------
+
+NO_SETTINGS = {  # module-level numbers of the diagnosis that nobody tunes
+    "GOLDEN_RATIO_STEP": "mathematics",
+    "WAVES_OF_ORDER": "mathematics: a sine and a cosine",
+    "KINEMATIC_ORDERS": "the orders of an effect's parameters",
+    "SMALLEST_POSITIVE": "rounding",
+    "ROUNDING_FLOOR": "rounding",
+    "CALIBRATION_SCHEMA": "number of a format",
+    "LARGEST_FILE_BYTES": "limit of a file",
+    "WORKSPACE_BYTES": "limit of memory",
+}
+ONE_A_FILE = {"EFFECT"}  # by design: every effect's file has its own
+
+
+def assigned_constants(path: Path) -> Iterator[tuple[str, ast.expr]]:
+    """The upper-case names that a module assigns at its top, each with its expression."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
+        for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+            names, values = [target], [node.value]
+            if isinstance(target, ast.Tuple):
+                names = target.elts
+                values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value] * len(names)
+            yield from (
+                (name.id, value)
+                for name, value in zip(names, values, strict=True)
+                if isinstance(name, ast.Name) and name.id.isupper()
+            )
+
+
+def has_number(value: ast.expr) -> bool:
+    """Whether an expression has a number beside 0 and 1, outside of texts and functions."""
+    if isinstance(value, ast.JoinedStr | ast.Lambda):
+        return False
+    if isinstance(value, ast.Constant):
+        return isinstance(value.value, int | float) and value.value not in (0, 1)
+    return any(has_number(child) for child in ast.iter_child_nodes(value) if isinstance(child, ast.expr | ast.keyword))
+
+
+def test_tuned_numbers_of_the_diagnosis_are_settings() -> None:
+    """A tuned number is a field of a settings class, with its unit, its reason and the data it was chosen on."""
+    loose = [
+        f"{name(path)}: {constant}"
+        for path in (ROOT / "hdagen" / "diagnosis").rglob("*.py")
+        if path.name != "progress.py"  # shares of time, which change no number
+        for constant, value in assigned_constants(path)
+        if has_number(value) and constant not in NO_SETTINGS
+    ]
+    assert loose == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_constant_has_two_values(package: str) -> None:
+    values: dict[str, dict[str, list[str]]] = {}
+    for path in (path for path in MODULES if name(path).startswith(f"{package}/")):
+        for constant, value in assigned_constants(path):
+            values.setdefault(constant.strip("_"), {}).setdefault(ast.unparse(value), []).append(name(path))
+    assert {
+        constant: list(found.values())
+        for constant, found in values.items()
+        if len(found) > 1 and constant not in ONE_A_FILE
+    } == {}
+
+
 # -- what lies where --------------------------------------------------------------------------------------------------
 
 

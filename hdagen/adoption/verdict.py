@@ -23,7 +23,7 @@ MOST_TOLERANCES = 3.0  # standard deviations of its tolerance that a base parame
 MOST_GRAVITY_CHANGE = 0.13  # m/s² that gravity may move, three quarters of a degree: no base is quite level
 COMPLIANCE_EFFECT = "missing_compliance"  # the effect that changes what a drive is made of
 _BOUND_ROUNDING = 1e-6  # of a range, by which a number may lie beyond its ends without a word
-_MOST_EFFECTS = 200  # effects of a verdict
+_MOST_READ_EFFECTS = 200  # effects of a verdict
 _EFFECT_PATTERN = re.compile(r"([a-z][a-z0-9_]{0,47})@(0|[1-9][0-9]?)")
 _PARAMETER_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
@@ -93,9 +93,9 @@ def read_verdict(given: str | Path | Mapping[str, Any]) -> Verdict:
     if not isinstance(stated, list):
         problems.append(f"{source}, verdict: found {show_value(stated)}, possible is a list of effects as name@joint.")
         stated = []
-    elif len(stated) > _MOST_EFFECTS:
+    elif len(stated) > _MOST_READ_EFFECTS:
         problems.append(
-            f"{source}, verdict: found {len(stated)} effects, possible are {_MOST_EFFECTS}; diagnose again."
+            f"{source}, verdict: found {len(stated)} effects, possible are {_MOST_READ_EFFECTS}; diagnose again."
         )
         stated = []
     effects, unknown = _read_effects(stated, causes, source, problems)

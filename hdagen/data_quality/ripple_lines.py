@@ -19,7 +19,7 @@ from hdagen.log.measured_log import Log
 from hdagen.support.row_runs import find_true_runs
 
 _MOST_CYCLES = 40  # cycles a turn, largest that is searched
-_SMOOTHING_SECONDS = 0.02  # s of the parabolas that take the encoder's steps out of θ
+_PARABOLA_SECONDS = 0.02  # s of the parabolas that take the encoder's steps out of θ
 _MOVING_SPEED_SHARE = 0.5  # of the rms speed, above which a stretch counts
 _LEAST_TURNS = 16.0  # least turns of a stretch: a window of fewer does not resolve two lines
 _NEIGHBOUR_OFFSETS = np.array([0.3, 0.34, 0.38, 0.42, 0.46])  # cycles a turn beside a line, where the background is
@@ -82,7 +82,7 @@ def _read_motor_angle(
 ) -> np.ndarray | None:
     """θ (T,), smoothed; None where no position moves, or the joint slides."""
     for name, ratio in ((f"motor_position_{joint}", 1.0), (f"joint_position_{joint}", machine.ratios[joint - 1])):
-        reach = max(round(0.5 * _SMOOTHING_SECONDS / log.period), 1)
+        reach = max(round(0.5 * _PARABOLA_SECONDS / log.period), 1)
         if name in channels and channels[name].is_moving and not machine.prismatic[joint - 1] and len(log) > 2 * reach:
             return ratio * _fit_parabolas(log[name], reach)
     return None

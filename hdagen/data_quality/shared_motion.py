@@ -20,7 +20,7 @@ POSITION_CHANNELS = ("motor_position", "joint_position")
 # Share of a position's noise; two recordings differ by more in most rows, even by whole counts
 _EXACT_NOISE_SHARE = 0.25
 _STRETCH_ROWS, _LEAST_ALIKE_SHARE = 100, 0.9  # rows in motion of a stretch, and the share of them that must be found
-_MOST_STRETCHES = 64  # stretches of a log that are looked for in another
+_MOST_COMPARED_STRETCHES = 64  # stretches of a log that are looked for in another
 
 Mask = NDArray[np.bool_]
 Span = tuple[float, float]  # s
@@ -125,7 +125,7 @@ class _LogPair:
         """Stretches of rows in motion, all over the other log."""
         changes = np.any(np.diff(self.theirs) != 0, axis=0)
         moving = np.flatnonzero(np.append(changes, False) | np.append(False, changes))
-        at = np.linspace(0, max(len(moving) - _STRETCH_ROWS, 0), _MOST_STRETCHES).astype(int)
+        at = np.linspace(0, max(len(moving) - _STRETCH_ROWS, 0), _MOST_COMPARED_STRETCHES).astype(int)
         return (moving[k : k + _STRETCH_ROWS] for k in np.unique(at) if moving.size)
 
     def find_matches(self, rows: np.ndarray) -> np.ndarray:

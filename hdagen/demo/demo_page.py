@@ -9,8 +9,8 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.demo.demo_runs import (
-    CIRCLE_PUSHES,
     CIRCLE_RADIUS,
+    DEMO_PUSHES,
     LARGEST_GAP_SHARE,
     SECONDS_PER_TURN,
     SMOOTHING_SECONDS,
@@ -25,12 +25,12 @@ from hdagen.support.version import __version__
 
 LAW_NAMES = {"impedance_cartesian": "impedance", "admittance_cartesian": "admittance"}
 LAW_COLORS = {"impedance_cartesian": "blue", "admittance_cartesian": "vermilion"}
-LINK = "circle"  # the figures that share the time of the circle
+CIRCLE_LINK = "circle"  # the figures that share the time of the circle
 AXIS_NAMES = ("x", "y")
 NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
-PUSH_BANDS = [
+DEMO_PUSH_BANDS = [
     (push.start, push.end, f"{np.hypot(*push.force):g} N in {AXIS_NAMES[int(np.argmax(np.abs(push.force)))]}")
-    for push in CIRCLE_PUSHES
+    for push in DEMO_PUSHES
 ]
 
 
@@ -74,7 +74,7 @@ def format_demo_verdict(demo: DemoResult) -> str:
     if not demo.meets_bar:
         failed = f", which misses the bar of {100 * LARGEST_GAP_SHARE:g}{NO_BREAK_SPACE}%"
     text = (
-        f"Pushed with {np.hypot(*CIRCLE_PUSHES[0].force):g}{NO_BREAK_SPACE}N, the tip moves as the mass, damper and"
+        f"Pushed with {np.hypot(*DEMO_PUSHES[0].force):g}{NO_BREAK_SPACE}N, the tip moves as the mass, damper and"
         f" spring that it is told to be, to within {shares} of their largest displacement,"
         f" {1e3 * demo.circle_runs[0].largest_ideal:.1f}{NO_BREAK_SPACE}mm, against"
         f" {friction:.2g}{NO_BREAK_SPACE}N{NO_BREAK_SPACE}m of dry friction in each joint{failed}; in windows of"
@@ -104,9 +104,9 @@ def _build_motion_section(demo: DemoResult) -> page.Section:
         time,
         [animation.MovingArm(LAW_NAMES[f.law], f.points, LAW_COLORS[f.law]) for f in demo.circle_runs],
         target=circle,
-        pushes=[(push.start, push.end, push.force) for push in CIRCLE_PUSHES],
+        pushes=[(push.start, push.end, push.force) for push in DEMO_PUSHES],
         caption="Arrows are the pushes on the tip. Press play; the cursor of the figures below follows.",
-        link=LINK,
+        link=CIRCLE_LINK,
     )
     planes = []
     for f in demo.circle_runs:
@@ -122,7 +122,7 @@ def _build_motion_section(demo: DemoResult) -> page.Section:
         x_label="x (m)",
         y_label="y (m)",
         caption="Ideal is the circle plus what the pushes do to the wanted mass, damper and spring.",
-        link=LINK,
+        link=CIRCLE_LINK,
     )
     g = first.gains
     text = (
@@ -180,7 +180,7 @@ def _build_displacement_section(demo: DemoResult) -> page.Section:
     gaps.append(figure.Series(name, demo.uncompensated_run.gap, "grey", "solid", width=1.2))
     bar = [(LARGEST_GAP_SHARE * first.largest_ideal, f"{100 * LARGEST_GAP_SHARE:g} % of the largest ideal")]
     panels.append(figure.Panel("gap to the ideal (m)", gaps, levels=bar, height=1.2))
-    drawn = figure.draw_panels("Displacement", first.reference.time, panels, bands=PUSH_BANDS, link=LINK)
+    drawn = figure.draw_panels("Displacement", first.reference.time, panels, bands=DEMO_PUSH_BANDS, link=CIRCLE_LINK)
     text = (
         "How far the tip is off the point that moves on the circle, and how far M ẍ + B ẋ + K x = F says it should be. "
         "The gap peaks where the force steps: the motors' torque may only change so fast, and speeds are filtered "
@@ -213,9 +213,9 @@ def _build_forces_section(demo: DemoResult) -> page.Section:
         "Force and motor torques",
         first.reference.time,
         panels,
-        bands=PUSH_BANDS,
+        bands=DEMO_PUSH_BANDS,
         caption="The force as its sensor reads it, and the torques that the guard let through to the motors.",
-        link=LINK,
+        link=CIRCLE_LINK,
     )
     text = (
         "Every tick passes a guard: what comes in is checked, what goes out stays within the motor's torque and its "
@@ -253,13 +253,13 @@ def _build_torque_section(demo: DemoResult) -> page.Section:
         "Joint torque, true and estimated",
         demo.circle_runs[0].reference.time,
         [*torques, *errors],
-        bands=[(start, end, "") for start, end, _ in PUSH_BANDS],
+        bands=[(start, end, "") for start, end, _ in DEMO_PUSH_BANDS],
         columns=demo.arm.n,
         share_y=True,
         caption=(
             f"Under {LAW_NAMES[demo.circle_runs[0].law]} control; angles smoothed over {1e3 * SMOOTHING_SECONDS:g} ms."
         ),
-        link=LINK,
+        link=CIRCLE_LINK,
     )
     rows: list[list[TableCell]] = [
         ["series", *map(float, estimated.rms_error(estimated.series_estimate))],

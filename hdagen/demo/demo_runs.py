@@ -27,11 +27,11 @@ CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, CIRCLE_SECONDS = (
     5.0,
     10.0,
 )  # m, m, s, s: the circle of the paper, Fig. 11
-CIRCLE_PUSHES = (
+DEMO_PUSHES = (
     Push(3.0, 4.0, (15.0, 0.0)),
     Push(6.0, 7.0, (0.0, 15.0)),
 )  # as in Fig. 11; 15 N is enough to turn a drive at rest
-SAFE_DAMPING = (0.002, 0.002)  # N m s/rad at the motors: after a fault they stop within J/d = 65 ms
+SAFE_MOTOR_DAMPING = (0.002, 0.002)  # N m s/rad at the motors: after a fault they stop within J/d = 65 ms
 LARGEST_GAP_SHARE = 0.10  # of the largest ideal displacement
 SMOOTHING_SECONDS = 0.015  # s, of the cubic through the angles that gives the estimate its speed and acceleration
 
@@ -109,9 +109,9 @@ def follow_circle(arm: Arm, law: str, gains: Mapping[str, float] | None = None, 
         PlantError: The arm has no such law, or refuses the gains.
 
     """
-    controller = Controller(arm, law, Guard(Safe.DAMPING, safe_damping=SAFE_DAMPING), gains)
+    controller = Controller(arm, law, Guard(Safe.DAMPING, safe_damping=SAFE_MOTOR_DAMPING), gains)
     reference = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, CIRCLE_SECONDS, controller.guard.period)
-    result = run(arm, controller, reference, CIRCLE_PUSHES, seed=seed)
+    result = run(arm, controller, reference, DEMO_PUSHES, seed=seed)
     joint = [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
     points = arm.evaluate("points", q=result.state[:, joint])["points"].reshape(len(result.state), -1, 2)
     refused, fault = result.status[result.status < 0], ""

@@ -34,7 +34,7 @@ SCHEMA = 1
 _MOST_MACHINE_BYTES = 1_000_000  # bytes of a machine.json
 _PROGRESS_PATTERN = re.compile(r"\s*[\d.]+ s  |building ")  # lines that the command writes on its way
 _UNUSABLE_EXIT_CODE = 3  # exit code of a log that is refused
-_LONGEST_DIAGNOSIS = 3600.0  # s that one machine may take
+_LONGEST_MACHINE_DIAGNOSIS = 3600.0  # s that one machine may take
 _LOOK_INTERVAL = 0.05  # s between looks at whether to stop
 
 
@@ -213,7 +213,7 @@ def _judge_exit(
 ) -> tuple[Status, tuple[str, ...], dict[str, Any] | None]:
     """Status, sentences and diagnosis of a process that ended with ``code``, None where it took too long."""
     if code is None:
-        return Status.FAILED, (f"it was stopped after {_LONGEST_DIAGNOSIS:g} s.",), None
+        return Status.FAILED, (f"it was stopped after {_LONGEST_MACHINE_DIAGNOSIS:g} s.",), None
     if code == _UNUSABLE_EXIT_CODE:
         return Status.REFUSED, tuple(lines), None
     if code:
@@ -232,7 +232,7 @@ def _wait_for_command(command: Sequence[str], said: int, stop: threading.Event) 
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))))
     environment, begun = {**os.environ, "PYTHONPATH": beside}, time.monotonic()
     with start_child_process(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=environment) as child:
-        while not stop.is_set() and time.monotonic() - begun < _LONGEST_DIAGNOSIS:
+        while not stop.is_set() and time.monotonic() - begun < _LONGEST_MACHINE_DIAGNOSIS:
             try:
                 return int(child.wait(_LOOK_INTERVAL))
             except subprocess.TimeoutExpired:

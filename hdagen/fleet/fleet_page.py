@@ -12,7 +12,7 @@ from hdagen.pages import figure, page
 from hdagen.pages.number_table import TableCell
 
 LEAST_PROBABILITY = 0.05  # probability from which an effect stands in the map
-MOST_EFFECTS = 24  # effects in the map
+MOST_DRAWN_EFFECTS = 24  # effects in the map
 MOST_MACHINES = 60  # machines in the map and in the bars; more are in the table alone
 
 
@@ -134,14 +134,14 @@ def _build_common_section(done: Sequence[MachineResult]) -> page.Section:
     names = sorted(likely, key=lambda name: (-sum(chances[name].values()), name))
     if not names:
         return page.Section("What they have in common", "No effect is likely on any machine.")
-    grid = np.full((len(names[:MOST_EFFECTS]), len(done[:MOST_MACHINES])), np.nan)
-    for row, name in enumerate(names[:MOST_EFFECTS]):
+    grid = np.full((len(names[:MOST_DRAWN_EFFECTS]), len(done[:MOST_MACHINES])), np.nan)
+    for row, name in enumerate(names[:MOST_DRAWN_EFFECTS]):
         for k, probability in chances[name].items():
             grid[row, k] = probability
     chart = figure.draw_heat_map(
         "Probability of each effect",
         [one.machine.name for one in done[:MOST_MACHINES]],
-        [describe_effect(name) for name in names[:MOST_EFFECTS]],
+        [describe_effect(name) for name in names[:MOST_DRAWN_EFFECTS]],
         grid,
         x_label="machine",
         y_label="effect",

@@ -18,14 +18,14 @@ import numpy as np
 
 _MOST_MAT_BYTES = 2 << 30  # bytes of a file
 _MOST_MEMORY_BYTES = 3 << 29  # bytes of address space beyond that of the libraries
-_MOST_SECONDS = 60.0
+_MOST_READING_SECONDS = 60.0
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _REFUSED_EXIT_CODE = 3  # the child's exit code where the reader refuses the file; the reason is on standard error
 _MOST_VECTORS = 4096  # vectors of one matrix, or of one file
 
 
 def read_mat(
-    path: Path | str, seconds: float = _MOST_SECONDS, memory: int = _MOST_MEMORY_BYTES
+    path: Path | str, seconds: float = _MOST_READING_SECONDS, memory: int = _MOST_MEMORY_BYTES
 ) -> dict[str, np.ndarray]:
     """Read the real numeric variables of a .mat file; other variables are left out.
 

@@ -14,10 +14,10 @@ from hdagen.mpc.predictive_controller import RUNGS
 from hdagen.pages import figure, page
 from hdagen.pages.number_table import TableCell
 
-LINK = "ticks"
+TICKS_LINK = "ticks"
 MOST_DRAWN_ROWS = 4000  # rows that are drawn
 TIME_STRETCHES = 240  # of time, in which active rows are averaged
-UNITS = {"joint_position": "rad", "motor_speed": "rad/s", "joint_torque": "N m", "tip_speed": "m/s", "wall": "m"}
+FAMILY_UNITS = {"joint_position": "rad", "motor_speed": "rad/s", "joint_torque": "N m", "tip_speed": "m/s", "wall": "m"}
 
 
 def write_record_page(path: Path, source: str, record: Mapping[str, Array]) -> None:
@@ -88,7 +88,7 @@ def _build_motion_section(record: Mapping[str, Array]) -> page.Section:
         y_label="y (m)",
         caption="The target is the path and, on it, what the force moves mass, damper and spring by; where the tip "
         "leaves it, a limit holds.",
-        link=LINK,
+        link=TICKS_LINK,
     )
     panels = []
     for axis in "xy":
@@ -108,7 +108,7 @@ def _build_motion_section(record: Mapping[str, Array]) -> page.Section:
         for axis, color in zip("xy", ("orange", "purple"), strict=True)
     ]
     panels.append(figure.Panel("force (N)", force, height=0.7))
-    drawn = figure.draw_panels("Predicted and real motion", time, panels, link=LINK)
+    drawn = figure.draw_panels("Predicted and real motion", time, panels, link=TICKS_LINK)
     text = (
         f"Predicted is where the plan that was made {1e3 * record['ahead'][0]:.0f} ms before saw the tip. It "
         f"misses where "
@@ -144,14 +144,14 @@ def _build_limits_section(record: Mapping[str, Array]) -> page.Section:
     if record["rung"].any():
         rung = figure.Series("rung", record["rung"][rows], "ink", draw="step")
         figures.append(
-            figure.draw_panels("Rung of the ladder", time, [figure.Panel("rung", [rung], height=0.6)], link=LINK)
+            figure.draw_panels("Rung of the ladder", time, [figure.Panel("rung", [rung], height=0.6)], link=TICKS_LINK)
         )
     table: list[list[TableCell]] = [
         [
             family.replace("_", " "),
             float(record[f"active_{family}"].mean()),
             float(record[f"violated_{family}"].max()),
-            UNITS.get(family, ""),
+            FAMILY_UNITS.get(family, ""),
         ]
         for family in LIMIT_FAMILIES
     ]
@@ -189,7 +189,7 @@ def _build_times_section(record: Mapping[str, Array]) -> page.Section:
             height=0.7,
         ),
     ]
-    drawn = figure.draw_panels("Times and iterations over time", time, panels, link=LINK)
+    drawn = figure.draw_panels("Times and iterations over time", time, panels, link=TICKS_LINK)
     share = float((record["interior"] > 0).mean())
     text = (
         "Time of the thread's processor. The active set alone was enough in "

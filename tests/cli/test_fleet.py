@@ -244,7 +244,7 @@ def test_an_interrupt_keeps_what_is_finished_and_stops_the_rest(
 def test_one_that_takes_too_long_is_stopped(
     asked: Callable[..., Path], stand_in: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fleet_diagnosis, "_LONGEST_DIAGNOSIS", 0.3)
+    monkeypatch.setattr(fleet_diagnosis, "_LONGEST_MACHINE_DIAGNOSIS", 0.3)
     results, _ = fleet_diagnosis.diagnose_fleet(
         fleet_file.read_fleet(asked(a="sleep")), tmp_path / "out", 1, silent, stand_in
     )

@@ -21,7 +21,7 @@ from hdagen.mpc.predictive_controller import MPC
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push
 
-NOISE_SEEDS = 8
+NOISE_SEED_COUNT = 8
 CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, COURSE_SECONDS = 0.05, (0.2, 0.0), 5.0, 8.0  # of the circle: m, m, s, s
 COMPARED_LAWS = ("impedance_cartesian", "admittance_cartesian")
 FREE_PUSHES = (Push(3.0, 4.0, (15.0, 0.0)), Push(6.0, 7.0, (0.0, 15.0)))  # the paper's Fig. 11
@@ -157,7 +157,9 @@ def _measure_free_distances(
         say(f"other noise: {name}")
         if isinstance(controller, MPC):
             controller.configure_with(limits)
-        runs = [run_trial(arm, controller, way, pushes, Sensors(), walls, seed) for seed in range(1, NOISE_SEEDS + 1)]
+        runs = [
+            run_trial(arm, controller, way, pushes, Sensors(), walls, seed) for seed in range(1, NOISE_SEED_COUNT + 1)
+        ]
         out[name] = tuple(evaluate_trial(arm, limits, way, found, controller).distance for found in runs)
     return out
 
@@ -227,7 +229,7 @@ def format_comparison(found: Comparison, runs: Sequence[RandomRun] = ()) -> list
         broken = [f"{name} {value:.3g}" for name, value in o.violated.items() if value > 0]
         out.append(f"    largest violation of each limit, SI: {', '.join(broken) or 'none'}")
     medians = ", ".join(f"{name} {1e3 * float(np.median(values)):.4f} mm" for name, values in found.free.items())
-    out.append(f"no limit near, median over {NOISE_SEEDS} seeds of the noise: {medians}")
+    out.append(f"no limit near, median over {NOISE_SEED_COUNT} seeds of the noise: {medians}")
     gains = ", ".join(f"{name} {value:.1f}" for name, value in found.tuned.gains.items())
     out.append(f"admittance law: inner loop tuned by {TUNING_METHOD}: {gains} after {found.tuned.evaluations} runs")
     out.append(f"{jolted(found.jolt)}; limits.sudden keeps {found.configuration['limits.sudden']:g} free")

@@ -121,7 +121,7 @@ def _judge_loops(
     free = {name: float(np.median(values)) for name, values in found.free.items()}
     out.append(
         MpcRequirement(
-            f"distance over the admittance law's, no limit near, median of {comparison.NOISE_SEEDS} seeds",
+            f"distance over the admittance law's, no limit near, median of {comparison.NOISE_SEED_COUNT} seeds",
             "most",
             1.0,
             free["mpc"] / free[comparison.COMPARED_LAWS[1]],

@@ -38,7 +38,7 @@ OTHER_CIRCLES = (
     (0.2, 0.0, 10.0),
     (0.15, 0.1, TURN_SECONDS),
 )  # m, m, s a turn: alternatives to the one of III.C
-UNITS = {"M": "kg", "B": "N s/m", "K": "N/m"}
+GAIN_UNITS = {"M": "kg", "B": "N s/m", "K": "N/m"}
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def _make_figure(bench: Bench, name: str, law: str) -> Result:
     parts: list[Axes | Grid] = []
     for row, (letter, one) in enumerate(every.items()):
         for axis, word in enumerate("xy"):
-            values = [f"{letter} = {value:g} {UNITS[letter]}" for value in VARIED_VALUES[letter]]
+            values = [f"{letter} = {value:g} {GAIN_UNITS[letter]}" for value in VARIED_VALUES[letter]]
             curves = [Curve(words, path.time, one.displacement[:, k, axis]) for k, words in enumerate(values)]
             curves += [
                 Curve(label, path.time, one.ideal_displacement[:, k, axis], color="ink", dash="dotted", width=0.8)
@@ -153,7 +153,7 @@ def _make_table(every: Mapping[str, VariedRuns]) -> Grid:
     for letter, one in every.items():
         arm, ideal = one.measure_arm_and_ideal()
         for k, value in enumerate(VARIED_VALUES[letter]):
-            row: list[str | float] = [f"{letter} = {value:g} {UNITS[letter]}"]
+            row: list[str | float] = [f"{letter} = {value:g} {GAIN_UNITS[letter]}"]
             for measure, scale in ((0, 1.0), (1, 100.0), (2, 1e3)):
                 row += [scale * float(arm[k, 0, measure]), scale * float(ideal[k, 0, measure])]
             rows.append((*row, 1e3 * float(arm[k, 1, 2])))

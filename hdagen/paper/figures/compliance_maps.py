@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.paper.figures.compliance_figures import BASE_SET, FLAT_POWER, PUSHED_SECONDS, UNITS
+from hdagen.paper.figures.compliance_figures import BASE_SET, FLAT_POWER, GAIN_UNITS, PUSHED_SECONDS
 from hdagen.paper.figures.gain_sweeps import (
     DAMPING_REGIONS,
     LEAST_KEEPING_SHARE,
@@ -29,7 +29,7 @@ from hdagen.paper.prototype.virtual_prototype import (
     simulate_pushed,
 )
 
-GAIN_LABELS = {letter: f"{letter} ({unit})" for letter, unit in UNITS.items()}
+GAIN_LABELS = {letter: f"{letter} ({unit})" for letter, unit in GAIN_UNITS.items()}
 RATIO_LABEL = "damping ratio B/(2 √(K M)) (1)"
 MEASURE_LABELS = ("settling time (s)", "overshoot (1)", "largest displacement (m)")
 MONOTONE_CLAIMS = (
@@ -159,7 +159,7 @@ def _draw_planes(sweep: Sweep) -> list[Map]:
             plane = np.take(sweep.arm_responses[..., 0, measure], at[fixed], axis="MBK".index(fixed))
             if "MBK".index(across) < "MBK".index(up):
                 plane = plane.T
-            heading = f"{label.partition(' (')[0]}, {fixed} = {sides[fixed][at[fixed]]:.3g} {UNITS[fixed]}"
+            heading = f"{label.partition(' (')[0]}, {fixed} = {sides[fixed][at[fixed]]:.3g} {GAIN_UNITS[fixed]}"
             found.append(
                 Map(
                     heading,

@@ -19,7 +19,7 @@ from hdagen.paper.prototype.virtual_prototype import PERIOD, Bench, DrivenRun, d
 POLYNOMIAL_ORDER = 5
 PARABOLA_ROWS = 101  # rows of the parabolas whose curvature is the acceleration
 END_MARGIN = 0.02  # rad from an end of the turn, where the published torsion jumps, to the first angle of a motion
-TORQUE_RISE_SECONDS = 0.05  # s in which the torque rises
+TORSION_RISE_SECONDS = 0.05  # s in which the torque rises
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def turn_joint(
     torque = arm.parameters[f"coulomb_friction_{j}"] + above
     seconds = 1.5 + 3.2 * turns
     current = np.zeros((round(seconds / PERIOD), 2))
-    begun = np.clip(np.arange(len(current)) * PERIOD / TORQUE_RISE_SECONDS, 0, 1)
+    begun = np.clip(np.arange(len(current)) * PERIOD / TORSION_RISE_SECONDS, 0, 1)
     current[:, j - 1] = begun * direction * torque / arm.parameters[f"torque_constant_{j}"]
     q = np.zeros(2)
     seed = 10_000 * repeat + 1000 * j + round(1e4 * above)  # no two logs have the same noise
