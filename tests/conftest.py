@@ -17,7 +17,7 @@ from replayed import FLEXIBLE, simulated
 from gen.builder.build import build_robot as make
 from hdagen.arm.compiled_arm import Arm
 from hdagen.log.measured_log import Log
-from hdagen.paper.prototype.virtual_prototype import PROTOTYPE_ROBOT, TABLE_1, Bench
+from hdagen.paper.prototype.virtual_prototype import PROTOTYPE, TABLE_1, Bench
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -79,7 +79,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
 @pytest.fixture(scope="session")
 def bench(build: Callable[..., Compiled]) -> Bench:
     """The paper's virtual prototype with its builds, native; runs that tests share are made once."""
-    return Bench(folders={robot: build(robot, "native").folder for robot in (PROTOTYPE_ROBOT, TABLE_1)})
+    return Bench(folders={robot: build(robot, "native").folder for robot in (PROTOTYPE, TABLE_1)})
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from typing import Any
 
 from hdagen.paper import figure_store
 from hdagen.paper.figure_catalogue import FigureEntry
-from hdagen.paper.prototype.virtual_prototype import PROTOTYPE_ROBOT, TABLE_1, THREE_JOINTS, Bench
+from hdagen.paper.prototype.virtual_prototype import PROTOTYPE, TABLE_1, THREE_JOINTS, Bench
 
 FigureContent = dict[str, Any]  # the JSON of a figure
 FIRST_MODULE = "maps"  # the module that starts first; its threads use the processors that other processes leave
@@ -43,7 +43,7 @@ def make_figures(
     """
     bench = Bench(profile)
     say("building the arms")
-    arms = [*(bench.arm(robot) for robot in (PROTOTYPE_ROBOT, TABLE_1, THREE_JOINTS)), bench.lean_arm()]
+    arms = [*(bench.arm(robot) for robot in (PROTOTYPE, TABLE_1, THREE_JOINTS)), bench.lean_arm()]
     builds = tuple(arm.folder.name for arm in arms)
     came_from = figure_store.hash_inputs(builds)
     groups: dict[str, list[FigureEntry]] = {}  # figures that share runs

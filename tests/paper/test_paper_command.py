@@ -22,7 +22,7 @@ from hdagen.log.measured_log import read
 from hdagen.paper import document_tables, figure_production, figure_store, paper_page
 from hdagen.paper.figure_catalogue import PAPER_FIGURES, find_figures
 from hdagen.paper.prototype.figure_result import Axes, Claim, Curve, Grid, Map, Result
-from hdagen.paper.prototype.virtual_prototype import PROTOTYPE_ROBOT, TABLE_1, THREE_JOINTS
+from hdagen.paper.prototype.virtual_prototype import PROTOTYPE, TABLE_1, THREE_JOINTS
 
 ROOT = Path(__file__).parents[2]
 DRAWS = importlib.util.find_spec("matplotlib") is not None
@@ -32,7 +32,7 @@ needs_matplotlib = pytest.mark.skipif(not DRAWS, reason="matplotlib draws the fi
 @pytest.fixture
 def builds(build: Any, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The builds of all three arms, where the command looks for them."""
-    made: list[Compiled] = [build(robot, "native") for robot in (PROTOTYPE_ROBOT, TABLE_1, THREE_JOINTS)]
+    made: list[Compiled] = [build(robot, "native") for robot in (PROTOTYPE, TABLE_1, THREE_JOINTS)]
     monkeypatch.setenv("HDAGEN_BUILD", str(made[0].folder.parent))
     return made[0].folder.parent
 

@@ -9,7 +9,7 @@ import pytest
 from hdagen.paper.figures import drive_figures
 from hdagen.paper.prototype.figure_result import Claim, Result
 from hdagen.paper.prototype.virtual_prototype import (
-    PROTOTYPE_ROBOT,
+    PROTOTYPE,
     TABLE_1,
     Bench,
     torsion_changes,
@@ -79,7 +79,7 @@ def test_every_number_of_the_prototype_has_a_source() -> None:
     """A source, "assumed" with its reason, or what it repeats stands beside every number of the preset."""
     from gen.presets import find_presets
 
-    lines = find_presets()[PROTOTYPE_ROBOT].read_text(encoding="utf-8").splitlines()
+    lines = find_presets()[PROTOTYPE].read_text(encoding="utf-8").splitlines()
     numbers = [line for line in lines if "=" in line.partition("#")[0] and not line.startswith(("joint =", "name ="))]
     bare = [line for line in numbers if len(line.partition("#")[2].strip()) < 4]
     assert len(numbers) > 40 and bare == []

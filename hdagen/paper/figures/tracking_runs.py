@@ -19,7 +19,7 @@ from hdagen.log.measured_log import Log
 from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.paper.prototype.virtual_prototype import (
-    PROTOTYPE_ROBOT,
+    PROTOTYPE,
     STRUCTURE_FAULTS,
     TURN_SECONDS,
     Bench,
@@ -180,7 +180,7 @@ def make_predictive_controller(bench: Bench, mbk: tuple[float, float, float], fo
     names = ("mass", "damping", "stiffness")
     admittance: dict[str, Any] = {f"admittance__{name}": value for name, value in zip(names, mbk, strict=True)}
     wanted = Configuration().with_changes(**admittance, admittance__force=force)
-    arm: Arm = bench.compute_once("predictive", lambda: load(PROTOTYPE_ROBOT, bench.profile, mpc=wanted))
+    arm: Arm = bench.compute_once("predictive", lambda: load(PROTOTYPE, bench.profile, mpc=wanted))
     return MPC(arm, wanted, make_guard())
 
 

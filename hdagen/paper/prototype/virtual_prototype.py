@@ -25,7 +25,7 @@ from hdagen.log.measured_log import Log
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push, Simulation, run
 
-PROTOTYPE_ROBOT = "paper_prototype"
+PROTOTYPE = "paper_prototype"
 TABLE_1 = "paper_table1"
 THREE_JOINTS = "paper_three_joints"
 LEAN_PROTOTYPE = "paper_prototype, lean"
@@ -74,7 +74,7 @@ class Bench:
     folders: dict[str, Path] = field(default_factory=dict)
     _shared_results: dict[Any, Any] = field(default_factory=dict)
 
-    def arm(self, robot: str = PROTOTYPE_ROBOT, changes: Mapping[str, float] | None = None) -> Arm:
+    def arm(self, robot: str = PROTOTYPE, changes: Mapping[str, float] | None = None) -> Arm:
         """Load an arm, which nothing else shares.
 
         Args:
@@ -94,7 +94,7 @@ class Bench:
         """Load the prototype without the effects that are switched off in it: the same numbers in less time."""
         if LEAN_PROTOTYPE not in self.folders:
             whole = self.arm()
-            file = _open_preset(PROTOTYPE_ROBOT, whole)
+            file = _open_preset(PROTOTYPE, whole)
             file.drop_zero_effects()
             with TemporaryDirectory() as place:
                 path = Path(place) / "lean.toml"
@@ -102,9 +102,7 @@ class Bench:
                 self.folders[LEAN_PROTOTYPE] = load(path, self.profile, out=whole.folder.parent).folder
         return self.arm(LEAN_PROTOTYPE)
 
-    def robot_file(
-        self, changes: Mapping[str, float], robot: str = PROTOTYPE_ROBOT, sensors: Sensors | None = None
-    ) -> bytes:
+    def robot_file(self, changes: Mapping[str, float], robot: str = PROTOTYPE, sensors: Sensors | None = None) -> bytes:
         """Write a preset's file with other parameters and sensors, for `hdagen replay`.
 
         Args:
