@@ -291,14 +291,19 @@ def test_no_module_is_a_drawer() -> None:
 
 # -- numbers ----------------------------------------------------------------------------------------------------------
 
-NO_SETTINGS = {  # module-level numbers of the diagnosis that nobody tunes
+NO_SETTINGS = {  # module-level numbers of the diagnosis and of predictions that nobody tunes
     "GOLDEN_RATIO_STEP": "mathematics",
     "WAVES_OF_ORDER": "mathematics: a sine and a cosine",
     "KINEMATIC_ORDERS": "the orders of an effect's parameters",
     "SMALLEST_POSITIVE": "rounding",
     "ROUNDING_FLOOR": "rounding",
+    "_WINDOW_ROUNDING": "rounding",
+    "_LEAST_POSITION_NOISE": "rounding",
+    "INSTANTS_PER_CALL": "time: it changes no number",
     "CALIBRATION_SCHEMA": "number of a format",
     "LARGEST_FILE_BYTES": "limit of a file",
+    "_MOST_CONTROLLER_BYTES": "limit of a file",
+    "_MOST_FILTER_SAMPLES": "limit of a file's value",
     "WORKSPACE_BYTES": "limit of memory",
 }
 ONE_A_FILE = {"EFFECT"}  # by design: every effect's file has its own
@@ -334,7 +339,8 @@ def test_tuned_numbers_of_the_diagnosis_are_settings() -> None:
     """A tuned number is a field of a settings class, with its unit, its reason and the data it was chosen on."""
     loose = [
         f"{name(path)}: {constant}"
-        for path in (ROOT / "hdagen" / "diagnosis").rglob("*.py")
+        for room in ("prediction", "diagnosis")
+        for path in (ROOT / "hdagen" / room).rglob("*.py")
         if path.name != "progress.py"  # shares of time, which change no number
         for constant, value in assigned_constants(path)
         if has_number(value) and constant not in NO_SETTINGS

@@ -33,5 +33,7 @@ def _format_row(cells: tuple[str, ...]) -> str:
 
 
 def _format_value(value: Any) -> str:
-    values = value if isinstance(value, tuple) else (value,)
-    return ", ".join(f"{one:g}" if isinstance(one, float) else f"{one:,}" for one in values)
+    if isinstance(value, tuple):
+        together = "; " if isinstance(value[0], tuple) else ", "
+        return together.join(_format_value(one) for one in value)
+    return f"{value:g}" if isinstance(value, float) else f"{value:,}"

@@ -20,9 +20,11 @@ from hdagen.diagnosis.residuals.controller_impact_settings import CONTROLLER_IMP
 from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.diagnosis.search.null_model_settings import NULL_MODEL
 from hdagen.diagnosis.search.search_settings import SEARCH
+from hdagen.prediction.prediction_settings import PREDICTION
 from hdagen.support.setting_declaration import read_values
 
 STAGE_SETTINGS: dict[str, Any] = {
+    "prediction": PREDICTION,
     "data_and_holdout": DATA,
     "candidate_models": CANDIDATES,
     "likelihood": LIKELIHOOD,

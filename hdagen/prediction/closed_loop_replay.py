@@ -30,12 +30,12 @@ from hdagen.log.measured_log import Log
 from hdagen.prediction.driving_inputs import compute_effective_inputs, read_driving_inputs
 from hdagen.prediction.kalman_filter import estimate_states
 from hdagen.prediction.measurement_model import Readings, count_mechanical_states
+from hdagen.prediction.prediction_settings import PREDICTION
 from hdagen.prediction.window_replay import Replay, check_log_fits_arm, compare_with_log, find_window_starts
 from hdagen.support.input_file import InputFileError, read_toml
 from hdagen.support.messages import show_path, show_value
 
 _MOST_CONTROLLER_BYTES = 100_000  # bytes of a controller.toml
-_INPUT_MEMORY_ROWS = 512  # rows of commands before a window that start the input stage
 _MOST_FILTER_SAMPLES = 1000
 
 
@@ -246,7 +246,7 @@ def _simulate_window(
 
 def _start_input_stage(arm: Arm, inputs: Array, held: Array, first: int) -> InputStage:
     """The input stage at row ``first``, after the commands of the rows before it."""
-    begin = max(0, first - _INPUT_MEMORY_ROWS)
+    begin = max(0, first - PREDICTION.input_memory_rows)
     stage = InputStage(arm, inputs[begin, : arm.n])
     if arm.has_input_stage:
         for row in range(begin, first):

@@ -20,13 +20,9 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.log.channel_statistics import UniformGrid, estimate_noise, make_uniform_grid
 from hdagen.log.measured_log import Log
 from hdagen.prediction.measurement_model import read_joint_angles
+from hdagen.prediction.prediction_settings import PREDICTION
 
 COMMAND_CHANNELS = "motor_current_command", "motor_torque_command"
-MOST_INSTANTS = 20_000  # instants in the regression at most
-SLOW_SPEED_SHARE = 0.02  # share of the usual speed, at which tanh stands for half a direction
-# Blocks of time; standard errors over them from which a held input is significant
-TIME_BLOCKS, HELD_STANDARD_ERRORS = 10, 3.0
-END_FILTER_WIDTHS = 3  # filter widths at each end of a log that are left out: the filter has too few rows there
 
 
 @dataclass(frozen=True)
@@ -119,7 +115,7 @@ def _is_surely_held(left: Array) -> bool:
     if not len(left):
         return False
     better = left[:, 1] - left[:, 0]
-    return bool(better.mean() > HELD_STANDARD_ERRORS * np.std(better) / np.sqrt(len(better)))
+    return bool(better.mean() > PREDICTION.held_standard_errors * np.std(better) / np.sqrt(len(better)))
 
 
 def _compute_unexplained_shares(arm: Arm, log: Log, joint: int, values: Array) -> Array:
@@ -130,9 +126,9 @@ def _compute_unexplained_shares(arm: Arm, log: Log, joint: int, values: Array) -
     grid = make_uniform_grid(log.time)
     grid = UniformGrid(grid.time, grid.time)
     inside = slice(
-        END_FILTER_WIDTHS * grid.window_rows,
-        len(grid.time) - END_FILTER_WIDTHS * grid.window_rows,
-        max(1, grid.window_rows // 2, len(log) // MOST_INSTANTS),
+        PREDICTION.end_filter_widths * grid.window_rows,
+        len(grid.time) - PREDICTION.end_filter_widths * grid.window_rows,
+        max(1, grid.window_rows // 2, len(log) // PREDICTION.most_instants),
     )
     X = _build_regressors(arm, log, grid, joint)[inside]
     if len(X) < 4 * X.shape[1]:
@@ -144,7 +140,7 @@ def _compute_unexplained_shares(arm: Arm, log: Log, joint: int, values: Array) -
     for ahead in (half, 0.0):
         y = (smooth + ahead * slope + ahead**2 / 2 * grid.differentiate(slope))[inside]
         squares = (y - basis @ (basis.T @ y)) ** 2 / max(float(np.mean(y**2)), np.finfo(float).tiny)
-        left.append([float(np.mean(block)) for block in np.array_split(squares, TIME_BLOCKS)])
+        left.append([float(np.mean(block)) for block in np.array_split(squares, PREDICTION.time_blocks)])
     return np.array(left).T
 
 
@@ -168,6 +164,6 @@ def _build_regressors(arm: Arm, log: Log, grid: UniformGrid, joint: int) -> Arra
     own = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in log]
     for name in own:
         speed = grid.differentiate(once(log[name]))
-        slow = max(SLOW_SPEED_SHARE * float(np.std(speed)), np.finfo(float).tiny)
+        slow = max(PREDICTION.slow_speed_share * float(np.std(speed)), np.finfo(float).tiny)
         columns += [speed, np.tanh(speed / slow), grid.differentiate(speed)]
     return np.column_stack([grid.smooth(column) / (float(np.std(column)) or 1.0) for column in columns])

@@ -22,10 +22,9 @@ from hdagen.log.channel_statistics import make_uniform_grid
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
 from hdagen.prediction.measurement_model import Readings
+from hdagen.prediction.prediction_settings import PREDICTION
 
-LOOP_BANDWIDTH = 20.0  # Hz, of a machine's fastest mode in closed loop; EMPS's, and usual for an arm
-BUTTERWORTH_ORDER = 4
-PASSED_NYQUIST_SHARE = 0.8  # share of the thinned rate's Nyquist frequency up to which the second filter passes
+LOOP_BANDWIDTH = PREDICTION.loop_bandwidth  # Hz
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +70,8 @@ def compute_force_error(arm: Arm, log: Log, inputs: Array, bandwidth: float = LO
         )
     grid = make_uniform_grid(log.time)
     rate = 1.0 / grid.period
-    least = 10 * bandwidth / PASSED_NYQUIST_SHARE
-    factor = round(PASSED_NYQUIST_SHARE * rate / 2 / (2 * bandwidth))
+    least = 10 * bandwidth / PREDICTION.passed_nyquist_share
+    factor = round(PREDICTION.passed_nyquist_share * rate / 2 / (2 * bandwidth))
     if rate < least or len(grid.time) < 40 * factor:
         raise LogError(
             [
@@ -80,7 +79,7 @@ def compute_force_error(arm: Arm, log: Log, inputs: Array, bandwidth: float = LO
                 f"{bandwidth:g} Hz; it needs {least:g} Hz or more, and {40 * max(factor, 2)} rows."
             ]
         )
-    b, a = butter(BUTTERWORTH_ORDER, 5 * bandwidth / (rate / 2))
+    b, a = butter(PREDICTION.butterworth_order, 5 * bandwidth / (rate / 2))
     q = filtfilt(b, a, _interpolate_columns(grid.time, log.time, _read_joint_positions(arm, log)), axis=0)
     v = np.gradient(q, grid.period, axis=0)
     acceleration = np.gradient(v, grid.period, axis=0)

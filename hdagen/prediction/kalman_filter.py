@@ -22,7 +22,6 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import compute_rated_torque, compute_rated_torsion
 from hdagen.log.measured_log import Log
 from hdagen.prediction.measurement_model import (
-    STATE_BOUND_FACTOR,
     Readings,
     Rows,
     complete_state,
@@ -31,25 +30,13 @@ from hdagen.prediction.measurement_model import (
     has_sensor_effects,
     undo_sensor_effects,
 )
+from hdagen.prediction.prediction_settings import PREDICTION
 from hdagen.support.parallel import map_in_threads
 
-FILTER_HORIZON = 0.15  # s of rows that the filters see: a few times the memory of the most trusting one
-LEAST_HORIZON_ROWS, MOST_HORIZON_ROWS = 12, 400  # rows of the horizon
-# Standard deviations in each filter: of a motor's extra torque as a share of its input's bound, and of the joint
-# encoder's error as a share of the torsion at the torque of that bound.
-FILTER_DEVIATIONS = np.array(
-    [(1e-2, 10), (1e-4, 10), (1e-2, 0.1), (1e-4, 0.1), (1e-6, 0), (1e-5, 0), (1e-4, 0), (1e-3, 0), (1e-2, 0), (1e-1, 0)]
-)  # the first row is linearised about the first filter, which trusts the model least
-LINK_TORQUE_SHARE = 0.1  # a link's extra torque as a share of its motor's, at the joint
-DISTURBANCE_CORRELATION_TIME = 0.1  # s, the correlation time of extra torques and encoder errors
-BURN_IN_SHARE = 1 / 3  # share of the horizon in which a filter is not judged: it still forgets its initial state
-SLOPE_ROWS = 8  # rows of the straight line from which a filter starts
+FILTER_DEVIATIONS = np.array(PREDICTION.filter_deviations)
 INSTANTS_PER_CALL = 16  # instants that one call of a thread filters
 # In the order of the compiled bank
 BANK_CHANNELS = "motor_position", "motor_velocity", "joint_position", "joint_velocity"
-# Share of the torsion at full torque, of a side of the gear that no channel shows; 100 times it a second
-UNSEEN_SIDE_TORSION_SHARE = 0.2
-FREE_SLIDING_WIDTHS = 6.0  # widths of the smooth sign from standstill, beyond which dry friction has no slope
 
 
 def estimate_states(arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Rows, hidden: Array) -> Array:
@@ -70,7 +57,11 @@ def estimate_states(arm: Arm, log: Log, readings: Readings, inputs: Array, rows:
         Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 10.3, 8.2, 11.6.2.
 
     """
-    back = int(np.clip(round(FILTER_HORIZON / log.period), LEAST_HORIZON_ROWS, MOST_HORIZON_ROWS))
+    back = int(
+        np.clip(
+            round(PREDICTION.filter_horizon / log.period), PREDICTION.least_horizon_rows, PREDICTION.most_horizon_rows
+        )
+    )
     bank = FilterBank(arm, readings)
 
     def filtered(part: slice) -> Array:
@@ -105,12 +96,12 @@ class FilterBank:
             else:
                 self.sliding_velocities.append(arm.index(f"joint_velocity_{j}"))
                 width.append(p[f"friction_smoothing_{j}"] / abs(p[f"ratio_{j}"]))
-        self.free_speeds = FREE_SLIDING_WIDTHS * np.array(width)
+        self.free_speeds = PREDICTION.free_sliding_widths * np.array(width)
         full = np.array([slot["bound"] for slot in arm.manifest["input"][:n]])
         at_joint = compute_rated_torque(arm)
         twist = self.rated_torsions = compute_rated_torsion(arm)
         inertia = arm.evaluate("mass_matrix", q=np.zeros(n))["M"].reshape(n, n).diagonal()
-        push = [LINK_TORQUE_SHARE * at_joint[j - 1] / inertia[j - 1] for j in flexible]
+        push = [PREDICTION.link_torque_share * at_joint[j - 1] / inertia[j - 1] for j in flexible]
         trust, agree = FILTER_DEVIATIONS[:, :1], FILTER_DEVIATIONS[:, 1:]
         self.disturbance_deviations = np.hstack(
             [trust * [*full, *push], agree * [twist[j - 1] for j in self.doubly_measured_joints]]
@@ -120,12 +111,14 @@ class FilterBank:
         for j in flexible:
             for side, size in (("motor", abs(p[f"ratio_{j}"])), ("joint", 1.0)):
                 self.unseen_deviations[arm.index(f"{side}_position_{j}")] = (
-                    UNSEEN_SIDE_TORSION_SHARE * twist[j - 1] * size
+                    PREDICTION.unseen_side_torsion_share * twist[j - 1] * size
                 )
                 self.unseen_deviations[arm.index(f"{side}_velocity_{j}")] = (
-                    100 * UNSEEN_SIDE_TORSION_SHARE * twist[j - 1] * size
+                    100 * PREDICTION.unseen_side_torsion_share * twist[j - 1] * size
                 )
-        self.state_bounds = STATE_BOUND_FACTOR * np.array([slot["bound"] for slot in arm.manifest["state"]])[: self.m]
+        self.state_bounds = (
+            PREDICTION.state_bound_factor * np.array([slot["bound"] for slot in arm.manifest["state"]])[: self.m]
+        )
         self.output_matrix = np.zeros((len(readings.names), self.D))
         self.output_matrix[range(len(readings.names)), readings.state_indices] = readings.factors
         if has_sensor_effects(arm):
@@ -166,8 +159,8 @@ class FilterBank:
         places += [j - 1 for j in arm.manifest["flexible"]]
         ratios = [arm.parameters[f"ratio_{j}"] for j in range(1, self.n + 1)]
         settings = [
-            DISTURBANCE_CORRELATION_TIME,
-            BURN_IN_SHARE,
+            PREDICTION.disturbance_correlation_time,
+            PREDICTION.burn_in_share,
             arm.stable_step,
             *get_state_limits(arm),
             *self.state_bounds,
@@ -222,7 +215,7 @@ class FilterBank:
         ``ignored`` follow from the others.
         """
         s = self.readings
-        rows = np.minimum(row[:, None] + np.arange(SLOPE_ROWS), last[:, None])
+        rows = np.minimum(row[:, None] + np.arange(PREDICTION.slope_rows), last[:, None])
         t = time[rows] - time[row][:, None]
         weight = t - t.mean(1, keepdims=True)
         weight = weight / (weight**2).sum(1, keepdims=True)

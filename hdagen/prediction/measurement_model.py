@@ -17,10 +17,9 @@ from hdagen.arm.ratings import compute_rated_torsion
 from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
 from hdagen.log.timestamps import compute_timing_noise
+from hdagen.prediction.prediction_settings import PREDICTION
 
 Rows = NDArray[np.intp]
-RECENT_ROWS = 2000  # rows before an instant that show the noise of a channel without a stated resolution
-STATE_BOUND_FACTOR = 100.0  # times the speed that the model is made for, beyond which it is no state of the arm
 _LEAST_POSITION_NOISE = 1e-9  # rad or m of noise at least: a channel that has not moved yet shows none
 
 
@@ -122,7 +121,7 @@ class Readings:
             these rows; where it states none, as these rows show.
 
         """
-        rows = slice(max(0, row + 1 - RECENT_ROWS), row + 1)
+        rows = slice(max(0, row + 1 - PREDICTION.recent_rows), row + 1)
         recent, found = self.measured[rows], self.stated_noise.copy()
         for k, (name, stated) in enumerate(zip(self.names, self.stated_noise, strict=True)):
             if not stated:
@@ -234,7 +233,7 @@ def get_state_limits(arm: Arm) -> Array:
     most = np.full(arm.nx, np.finfo(float).max)
     for k, name in enumerate(arm.state_names):
         if "velocity" in name:
-            most[k] = STATE_BOUND_FACTOR * arm.manifest["state"][k]["bound"]
+            most[k] = PREDICTION.state_bound_factor * arm.manifest["state"][k]["bound"]
     return most
 
 

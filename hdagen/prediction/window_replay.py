@@ -34,13 +34,10 @@ from hdagen.prediction.measurement_model import (
     count_mechanical_states,
     find_memory_amplitudes,
 )
+from hdagen.prediction.prediction_settings import PREDICTION
 
-REPLAY_WINDOW = 0.25  # s, the length of a window
-LEAST_ERROR_MULTIPLE = 1e-3  # multiples of the noise that an error counts as at least
+REPLAY_WINDOW = PREDICTION.replay_window  # s
 _WINDOW_ROUNDING = 1e-9  # share of a window: a row that lies a rounding error before a boundary starts the next one
-_FIRST_ROWS_TIME = 0.01  # s of rows that show whether a log begins in motion
-_LEAST_MOTION_FACTOR = 4.0  # times noise and curvature that the first speed moves a joint by then at least
-_LEAST_MOTION_SHARE = 0.03  # share of the usual motion in as many rows, below which a joint is at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +117,7 @@ def combine_channel_errors(multiples: Array) -> Array:
         (…), the gap.
 
     """
-    return np.asarray(np.exp(np.log(np.maximum(multiples, LEAST_ERROR_MULTIPLE)).mean(-1)))
+    return np.asarray(np.exp(np.log(np.maximum(multiples, PREDICTION.least_error_multiple)).mean(-1)))
 
 
 def replay(
@@ -287,7 +284,7 @@ def _note_stopped_windows(windows: int) -> list[str]:
 
 def _describe_initial_motion(log: Log, readings: Readings) -> str | None:
     """Say where the log begins in motion and no velocity is logged; None where it does not."""
-    rows = max(8, int(np.searchsorted(log.time, log.time[0] + _FIRST_ROWS_TIME)))
+    rows = max(8, int(np.searchsorted(log.time, log.time[0] + PREDICTION.first_rows_time)))
     if len(log) < rows:
         return None
     t = log.time[:rows] - log.time[0]
@@ -300,8 +297,8 @@ def _describe_initial_motion(log: Log, readings: Readings) -> str | None:
         channel = readings.measured[:, k]
         (_, speed, bend), *_ = np.linalg.lstsq(powers, channel[:rows] - channel[0], rcond=None)
         usual = _compute_rms(channel[rows - 1 :] - channel[: len(channel) - rows + 1])
-        least = max(abs(bend) * t[-1] ** 2, readings.noise_before(rows)[k], _LEAST_MOTION_SHARE * usual)
-        if abs(speed) * t[-1] > _LEAST_MOTION_FACTOR * least:
+        least = max(abs(bend) * t[-1] ** 2, readings.noise_before(rows)[k], PREDICTION.least_motion_share * usual)
+        if abs(speed) * t[-1] > PREDICTION.least_motion_factor * least:
             moving.append(f"{name} at {speed:.3g} a second")
     if not moving:
         return None

@@ -31,7 +31,8 @@ def test_a_setting_cannot_be_changed(stage: str) -> None:
 
 def test_every_settings_class_has_its_stage() -> None:
     found = set()
-    for path in (ROOT / "hdagen" / "diagnosis").rglob("*_settings.py"):
+    rooms = ("hdagen/prediction", "hdagen/diagnosis")
+    for path in (path for room in rooms for path in (ROOT / room).rglob("*_settings.py")):
         module = importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
         found |= {name for name, value in vars(module).items() if name.isupper() and dataclasses.is_dataclass(value)}
     assert len(found) == len(STAGE_SETTINGS) == len({type(settings) for settings in STAGE_SETTINGS.values()})

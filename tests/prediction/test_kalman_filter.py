@@ -13,9 +13,9 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.log.measured_log import Log
 from hdagen.prediction.driving_inputs import read_driving_inputs
-from hdagen.prediction.kalman_filter import BANK_CHANNELS, BURN_IN_SHARE, FILTER_DEVIATIONS, FilterBank
-from hdagen.prediction.kalman_filter import DISTURBANCE_CORRELATION_TIME as FADES
+from hdagen.prediction.kalman_filter import BANK_CHANNELS, FILTER_DEVIATIONS, FilterBank
 from hdagen.prediction.measurement_model import Readings, are_within_limits
+from hdagen.prediction.prediction_settings import PREDICTION
 
 CASES: dict[str, tuple[str, tuple[str, ...], dict[str, float], bool]] = {
     "flexible": (FLEXIBLE, (), {}, False),
@@ -149,7 +149,7 @@ def textbook(
                 continue
             likely = update(bank, lane, inputs[row + 1], bank.readings.measured[row + 1], noise)
             told[k] += likely
-            if row + 1 - begin > BURN_IN_SHARE * (end - begin):
+            if row + 1 - begin > PREDICTION.burn_in_share * (end - begin):
                 score[k] += likely
     return np.asarray(lanes[int(score.argmax())][0])
 
@@ -179,7 +179,7 @@ def predict(bank: FilterBank, lane: list[Array], F: Array, spread: Array, u: Arr
     """From one row to the next."""
     arm, m, n = bank.arm, bank.m, bank.n
     x, extra, P = lane
-    steps, fade = arm.count_steps(dt), np.exp(-dt / FADES)
+    steps, fade = arm.count_steps(dt), np.exp(-dt / PREDICTION.disturbance_correlation_time)
     held = u.copy()
     held[:n] += extra[:n]
     for _ in range(steps):
