@@ -92,7 +92,9 @@ def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
     mean = np.array([spike * tolerances, 0.5, 5.0, 3.0])
     words = SimpleNamespace(members=atoms, columns=columns)
     posterior = mean, np.diag([(spike * std) ** 2, 1e-6, 1e-6, 1e-6])
-    fit: Any = SimpleNamespace(sensitivities=SimpleNamespace(candidates=words), posterior=posterior, names=("payload@2",))
+    fit: Any = SimpleNamespace(
+        sensitivities=SimpleNamespace(candidates=words), posterior=posterior, names=("payload@2",)
+    )
     assert _add_shifted_base_parameters(fit) == (("payload@2", "torque_constant@1") if there else ("payload@2",))
 
 
@@ -105,7 +107,9 @@ class Stands(SimpleNamespace):
 def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
     atoms = tuple(Candidate(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
-    words = SimpleNamespace(members=atoms, amplitude_columns=list, to_theta=lambda p: p, presence_threshold=lambda k: 0.3)
+    words = SimpleNamespace(
+        members=atoms, amplitude_columns=list, to_theta=lambda p: p, presence_threshold=lambda k: 0.3
+    )
     words.names_of = lambda some: tuple(sorted(atoms[k].name for k in some))
 
     def recalled(lane: Rollout) -> tuple[None, Array]:
@@ -114,7 +118,9 @@ def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
 
     arm = SimpleNamespace(state_names=("motor_position_1", "warmth_1", "warmth_2"))
     point = SimpleNamespace(p=np.array(stood), initial_states=None)
-    design = SimpleNamespace(candidates=words, shooting=SimpleNamespace(arm=arm, predict_with_memory=recalled), point=point)
+    design = SimpleNamespace(
+        candidates=words, shooting=SimpleNamespace(arm=arm, predict_with_memory=recalled), point=point
+    )
     return Stands(effects=(0, 1), sensitivities=design, posterior=(np.array(mean), None))
 
 
@@ -154,10 +160,17 @@ def beside_a_bias(size: float, leaves: float, alone: float | None = None) -> Any
     words = fit.sensitivities.candidates
     words.columns, words.spike_widths = (), np.full(2, 0.05)
     none = Stands(**{**vars(fit), "names": (), "effects": (), "subsets": [()], "tempered_evidence": lambda *_: -60.0})
-    own = Stands(**{**vars(fit), "names": both[1:], "effects": (0,), "subsets": [(0,)], "tempered_evidence": lambda *_: alone})
+    own = Stands(
+        **{**vars(fit), "names": both[1:], "effects": (0,), "subsets": [(0,)], "tempered_evidence": lambda *_: alone}
+    )
     fitted = (fit, none) if alone is None else (fit, own, none)
     for each in fitted:
-        each.temperature, each.misfit_temperature, each.noise_only_evidence, each.evidence_here = 12.0, 1.0, 0.0, -1.0 if each is fit else -60.0
+        each.temperature, each.misfit_temperature, each.noise_only_evidence, each.evidence_here = (
+            12.0,
+            1.0,
+            0.0,
+            -1.0 if each is fit else -60.0,
+        )
         each.unexplained_torque = np.array([leaves if each is fit else 4.0 * leaves, 0.0])
         each.score = SimpleNamespace(posterior=SimpleNamespace(noise_level=1.0))
     return SimpleNamespace(candidates=words, fits=fitted, screened=[SimpleNamespace(effects=(), evidence=-60.0)])
@@ -228,7 +241,10 @@ def fit(s: float, left: float, level: float = 1.0, lacks: float | None = None) -
     at = SimpleNamespace(s=s, noise_level=level)
     reached = -100.0 * (left if lacks is None else lacks)
     return SimpleNamespace(
-        score=SimpleNamespace(posterior=at), evidence_here=reached, noise_only_evidence=0.0, unexplained_torque=np.array([left, 0.0])
+        score=SimpleNamespace(posterior=at),
+        evidence_here=reached,
+        noise_only_evidence=0.0,
+        unexplained_torque=np.array([left, 0.0]),
     )
 
 

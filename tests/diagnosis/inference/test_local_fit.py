@@ -124,7 +124,9 @@ def test_a_step_is_kept_that_beats_what_was_reached(
         return (
             at
             if end is None
-            else SimpleNamespace(end=end, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=end)
+            else SimpleNamespace(
+                end=end, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=end
+            )
         )
 
     monkeypatch.setattr(local_fit, "descend_gauss_newton", descend)
@@ -165,7 +167,9 @@ class Runner(SimpleNamespace):
 
 def runners(ends: dict[str, float]) -> Any:
     """A field by name and evidence."""
-    return [Runner(effects=tuple(n), names=n, score=SimpleNamespace(evidence=e), evidence_here=e) for n, e in ends.items()]
+    return [
+        Runner(effects=tuple(n), names=n, score=SimpleNamespace(evidence=e), evidence_here=e) for n, e in ends.items()
+    ]
 
 
 @pytest.mark.parametrize(
@@ -209,7 +213,9 @@ def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatc
 def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     most = 100.0
     gains = {"leading": most, "some": 1.1 * LEAST_PROMISE_SHARE * most, "faint": 0.9 * LEAST_PROMISE_SHARE * most}
-    words: Any = SimpleNamespace(members=[SimpleNamespace(name=name) for name in gains], is_compatible=lambda *given: True)
+    words: Any = SimpleNamespace(
+        members=[SimpleNamespace(name=name) for name in gains], is_compatible=lambda *given: True
+    )
     at: Any = SimpleNamespace(shooting=SimpleNamespace(arm=None))
     scored: Any = [SimpleNamespace(effects=(), evidence=-7.0, posterior=SimpleNamespace(s=0.1))]
     scored += [SimpleNamespace(effects=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
@@ -244,7 +250,9 @@ def test_a_set_leads_only_if_it_is_ahead_by_more_than_the_prior_takes(ahead: flo
             return Runner(**vars(self), has_columns=False)
 
     ends = {"ab": ahead * EFFECT_PENALTY, "a": 0.0, "": -100.0}
-    field: Any = [Whole(effects=tuple(n), names=n, score=SimpleNamespace(evidence=e), evidence_here=e) for n, e in ends.items()]
+    field: Any = [
+        Whole(effects=tuple(n), names=n, score=SimpleNamespace(evidence=e), evidence_here=e) for n, e in ends.items()
+    ]
     found = _drop_undeserved(field)
     assert [f.names for f in found] == list(ends)  # none is lost
     assert first_with_columns(found).names == leads

@@ -143,7 +143,9 @@ def test_points_that_are_looked_at_together_are_what_each_is_alone(shooting: Mul
         p = at.point.p.copy()
         p[c.index] += (0.1 + k) * c.step * c.unit
         points.append(OperatingPoint(p, at.point.initial_states))
-    left = np.stack([weigh_residual(shooting, shooting.predict(Rollout(point.p, point.initial_states))) for point in points])
+    left = np.stack(
+        [weigh_residual(shooting, shooting.predict(Rollout(point.p, point.initial_states))) for point in points]
+    )
     found = at.batch_residuals(points, left)
     for z, r2, own_theta, point, own in zip(found.z, found.r2, found.theta, points, left, strict=True):
         theta = words.to_theta(point.p)
