@@ -46,7 +46,7 @@ def spun(turns: float) -> tuple[Any, ResidualTrace]:
     rng, time = np.random.default_rng(1), np.linspace(0, 10, 5000)
     angle = turns * TURN * 0.5 * (1 - np.cos(time))
     missing = 6.0 * np.convolve(rng.normal(size=5049), np.ones(50) / 50**0.5, "valid")
-    sight = SimpleNamespace(column=lambda name, joint: angle)
+    sight = SimpleNamespace(motion=SimpleNamespace(read_state=lambda name, joint: angle))
     return sight, ResidualTrace("torque missing at motor 1", "N m", missing, missing, missing, np.ones(5000, bool))
 
 
