@@ -284,6 +284,31 @@ def test_no_function_is_long() -> None:
     assert long == []
 
 
+MOST_METHODS = 24  # with those of the bases
+OF_MANY_METHODS = {
+    "Arm": "a compiled robot as a user calls it: each method is one function of the library, or checks its arguments",
+    "MPC": "stands in the place of any other controller, so it has their methods beside its own",
+}
+
+
+def test_no_class_has_many_methods() -> None:
+    classes: dict[str, list[ast.ClassDef]] = {}
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                classes.setdefault(node.name, []).append(node)
+
+    def methods(node: ast.ClassDef) -> set[str]:
+        found = {one.name for one in node.body if isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef)}
+        for base in (ast.unparse(base).rpartition(".")[2] for base in node.bases):
+            for other in classes.get(base, []):
+                found |= methods(other)
+        return found
+
+    counts = {name: max(len(methods(node)) for node in nodes) for name, nodes in classes.items()}
+    assert {name for name, count in counts.items() if count > MOST_METHODS} == set(OF_MANY_METHODS)
+
+
 def test_no_module_is_a_drawer() -> None:
     drawers = {"utils", "util", "common", "helpers", "helper", "misc", "tools"}
     assert [name(p) for p in [*MODULES, *(ROOT / "tests").rglob("*.py")] if p.stem in drawers] == []

@@ -198,22 +198,9 @@ def triage_log(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
         Warnings and refusals, in sentences.
 
     """
-    from hdagen.data_quality.log_triage import triage
+    from hdagen.data_quality.log_triage import triage_for_robot
 
-    joints = arm.robot["joints"]
-    resolutions = {
-        f"{side}_position_{j}": joint["sensor"][f"{side}_encoder_resolution"]
-        for j, joint in enumerate(joints, 1)
-        for side in ("motor", "joint")
-    }
-    seen = triage(
-        log,
-        [joint["drive"]["ratio"]["nominal"] for joint in joints],
-        {name: value for name, value in resolutions.items() if value},
-        [joint["drive"]["max_current"] for joint in joints],
-        [joint["limits"]["position"] for joint in joints],
-        [j for j, joint in enumerate(joints, 1) if joint["kind"] == "prismatic"],
-    )
+    seen = triage_for_robot(log, arm.robot)
     return list(seen.warnings), list(seen.refusals)
 
 

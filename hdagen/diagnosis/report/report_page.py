@@ -259,7 +259,7 @@ def _show_parameters(sight: ResidualTorque, content: dict[str, Any]) -> Section:
 
 def _make_row(sight: ResidualTorque, name: str, estimate: dict[str, Any]) -> list[str | float | None]:
     """A row of the table of parameters."""
-    q = sight.arm.parameters.described.get(name)
+    q = sight.motion.arm.parameters.described.get(name)
     std, unit = estimate.get("std"), estimate.get("unit", "")
     if q is None:
         return [name, None, None, estimate["value"], std, unit, None, "–"]

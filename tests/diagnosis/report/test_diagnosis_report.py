@@ -172,7 +172,7 @@ def seen(
     }
     said["gap"] |= {"interval": [0.9, 0.97], "by_channel": multiples}
     sight = see_residual_torque(arm, said, log, before, after)
-    said["where"] = localize_gap(sight, said, np.ones(len(sight.log), bool))
+    said["where"] = localize_gap(sight, said, np.ones(len(sight.motion.log), bool))
     return sight, said, log, before, after
 
 
@@ -231,7 +231,7 @@ def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
         _, said, log, before, _ = seen(arm, {entry: values})
         said |= {"verdict": ["unknown@2"], "parameters": {}}
         sight = see_residual_torque(arm, said, log, before, before)
-        (found,) = localize_gap(sight, said, np.ones(len(sight.log), bool))
+        (found,) = localize_gap(sight, said, np.ones(len(sight.motion.log), bool))
         assert (found["joint"], found["place"]) == (2, place)
         assert 0.3 < found["share"] <= 1.0
         assert draw_effect(sight, "unknown@2", place)
@@ -262,12 +262,12 @@ def test_a_picture_tells_how_far_the_effect_is_what_it_shows(arm: Arm, entry: st
 def test_one_encoder_a_joint_gives_the_balance_of_the_whole_joint(arm: Arm) -> None:
     entry, values = "coulomb_friction@2", {"coulomb_friction": 0.08}
     sight, said, *_ = seen(arm, {entry: values}, keep="motor|force")
-    assert not sight.has_both_sides
+    assert not sight.motion.has_both_sides
     assert (said["where"][0]["joint"], said["where"][0]["place"]) == (2, "motor")
     shown = trace_residual(sight, "motor", 2, entry)
     excess = 0.08 - arm.parameters.described["coulomb_friction_2"].nominal
-    slides = sight.is_sliding(2)[shown.instants]
-    direction = sight.direction[shown.instants, 1][slides]
+    slides = sight.motion.is_sliding(2)[shown.instants]
+    direction = sight.motion.direction[shown.instants, 1][slides]
     assert -np.mean(shown.before[slides] * direction) == pytest.approx(excess, rel=0.15)
 
 
@@ -563,7 +563,7 @@ def test_what_is_sure_beside_something_unknown_is_said_and_has_its_place(arm: Ar
     read_off = {"effect": "sensor_delay", "joint": 2, "parameters": {"sensor_delay": 4e-3}, "left": 0.07}
     said |= {"verdict": [named, "unknown@2"], "sure": False, "alone": [read_off]}
     assert write_verdict(said).startswith("Sensor delay on joint 2 is missing in the model (probability 0.90")
-    said["where"] = localize_gap(sight, said, np.ones(len(sight.log), bool))
+    said["where"] = localize_gap(sight, said, np.ones(len(sight.motion.log), bool))
     assert [(w["joint"], w["place"]) for w in said["where"][:2]] == [(2, "sensor"), (2, "motor")]
     page = write((sight, said, log, before, after), arm, tmp_path / "page.html")
     assert "is missing in the model" in page and "What commands and encoders show by themselves" in page
