@@ -26,6 +26,7 @@ from hdagen.diagnosis.inference.gauss_newton import (
     try_point,
 )
 from hdagen.diagnosis.inference.linear_gaussian import TotalNormalEquations
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.marginal_likelihood import (
     Posterior,
     ScoredHypothesis,
@@ -38,7 +39,6 @@ from hdagen.diagnosis.inference.sensitivities import (
     LIKELIHOOD_TEMPERATURE,
     OperatingPoint,
     Sensitivities,
-    compute_sensitivities,
     count_torque_steps,
     select_columns,
 )

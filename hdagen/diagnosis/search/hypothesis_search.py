@@ -10,6 +10,7 @@ import numpy as np
 
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.gauss_newton import LEAST_EVIDENCE_STEP, place_candidate
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import (
     Fit,
     advance_fit,
@@ -27,7 +28,7 @@ from hdagen.diagnosis.inference.marginal_likelihood import (
     score_candidate_sets,
 )
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import Sensitivities, compute_sensitivities, select_columns
+from hdagen.diagnosis.inference.sensitivities import Sensitivities, select_columns
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, begin_sets
 from hdagen.diagnosis.search.fit_order import (
     charge_effects,

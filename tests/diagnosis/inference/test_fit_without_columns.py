@@ -13,8 +13,9 @@ from test_shooting import shooting
 from hdagen.arm.build_loader import PlantError
 from hdagen.diagnosis.inference import local_fit
 from hdagen.diagnosis.inference.candidate_priors import NUISANCE_LIMIT, SPIKE_SCALES
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import Fit, advance_fit, refit_swapping, start_fit
-from hdagen.diagnosis.inference.sensitivities import LIKELIHOOD_TEMPERATURE, OperatingPoint, compute_sensitivities
+from hdagen.diagnosis.inference.sensitivities import LIKELIHOOD_TEMPERATURE, OperatingPoint
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 

@@ -12,7 +12,8 @@ from hdagen.diagnosis.inference import local_fit
 from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
 from hdagen.diagnosis.inference.gauss_newton import LEAST_EVIDENCE_STEP
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel, NormalEquations
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, NormalEquations
+from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.local_fit import STIFF_TORQUE_SHARE, Fit, advance_fit
 from hdagen.diagnosis.inference.marginal_likelihood import (
     TORQUE_GRID,

@@ -16,14 +16,10 @@ from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.inference import gauss_newton, local_fit
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import refit_from_start
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
-from hdagen.diagnosis.inference.sensitivities import (
-    OperatingPoint,
-    Sensitivities,
-    compute_sensitivities,
-    weigh_residual,
-)
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, weigh_residual
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.null_model import make_nominal_point
