@@ -39,7 +39,8 @@ from hdagen.diagnosis.holdout import verdict_withdrawal
 from hdagen.diagnosis.inference.bounded_least_squares import solve_box_qp
 from hdagen.diagnosis.inference.candidate_priors import SLAB_WIDTH, CandidateSet
 from hdagen.diagnosis.inference.local_fit import start_fit
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.rollout import Rollout
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.prediction.window_replay import REPLAY_WINDOW

@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.rollout import Rollout
 from hdagen.diagnosis.inference.sensitivities import (
     IMPULSES_OF_STEP,
     INITIAL_STATE_STEP,

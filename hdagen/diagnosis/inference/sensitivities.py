@@ -19,7 +19,8 @@ from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet, Column
 from hdagen.diagnosis.inference.linear_gaussian import CrossProducts
 from hdagen.diagnosis.inference.linear_model import LinearModel
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.rollout import Rollout
 
 TORQUE_STEPS = 16  # steps of unexplained torque in a window, shared by all motors and links: bounds time and memory
 FEWEST_TORQUE_STEPS, FEWEST_ROWS_OF_STEP = 2, 3  # steps for each motor or link, and rows in a step, at least

@@ -8,19 +8,12 @@ from functools import partial
 
 import numpy as np
 
+from hdagen.diagnosis.inference.alternative_starts import refit_from_start, refit_swapping, refit_without
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.fit_steps import advance_fit
 from hdagen.diagnosis.inference.gauss_newton import LEAST_EVIDENCE_STEP, place_candidate
 from hdagen.diagnosis.inference.linearization import compute_sensitivities
-from hdagen.diagnosis.inference.local_fit import (
-    Fit,
-    advance_fit,
-    refit_from_start,
-    refit_swapping,
-    refit_without,
-    rescale_spikes,
-    restore_columns,
-    start_fit,
-)
+from hdagen.diagnosis.inference.local_fit import Fit, rescale_spikes, restore_columns, start_fit
 from hdagen.diagnosis.inference.marginal_likelihood import (
     ScoredHypothesis,
     compute_posteriors,

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hdagen.diagnosis.inference import local_fit
+from hdagen.diagnosis.inference import fit_steps
 from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
+from hdagen.diagnosis.inference.fit_steps import advance_fit
 from hdagen.diagnosis.inference.gauss_newton import LEAST_EVIDENCE_STEP
 from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, NormalEquations
 from hdagen.diagnosis.inference.linear_model import LinearModel
-from hdagen.diagnosis.inference.local_fit import STIFF_TORQUE_SHARE, Fit, advance_fit
+from hdagen.diagnosis.inference.local_fit import STIFF_TORQUE_SHARE, Fit
 from hdagen.diagnosis.inference.marginal_likelihood import (
     TORQUE_GRID,
     apply_laplace,
@@ -128,8 +129,8 @@ def test_a_step_is_kept_that_beats_what_was_reached(
             else SimpleNamespace(end=end, gram=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=end)
         )
 
-    monkeypatch.setattr(local_fit, "descend_gauss_newton", descend)
-    monkeypatch.setattr(local_fit, "_linearize_at", lambda shooting, words, atoms, point, near, clean: fit(point))
+    monkeypatch.setattr(fit_steps, "descend_gauss_newton", descend)
+    monkeypatch.setattr(fit_steps, "start_fit_at", lambda shooting, words, atoms, point, near, clean: fit(point))
     moved = advance_fit(begun, None)  # type: ignore[arg-type]
     assert moved.score.evidence == found and shares == tried
     assert moved.has_converged == (found == -100.0)
@@ -138,9 +139,9 @@ def test_a_step_is_kept_that_beats_what_was_reached(
 
 def test_a_fit_that_hardly_gets_better_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     there: Any = SimpleNamespace(cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=0)
-    monkeypatch.setattr(local_fit, "descend_gauss_newton", lambda *given: there)
+    monkeypatch.setattr(fit_steps, "descend_gauss_newton", lambda *given: there)
     for gain in (0.5 * LEAST_EVIDENCE_STEP, 2 * LEAST_EVIDENCE_STEP):
-        monkeypatch.setattr(local_fit, "_linearize_at", lambda *given, end=-100.0 + gain: fit(end))
+        monkeypatch.setattr(fit_steps, "start_fit_at", lambda *given, end=-100.0 + gain: fit(end))
         assert advance_fit(fit(-100.0, 0.5), None).has_converged == (gain < LEAST_EVIDENCE_STEP)  # type: ignore[arg-type]
 
 

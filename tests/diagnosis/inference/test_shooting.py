@@ -16,10 +16,12 @@ from hdagen.arm import delayed_sensors as late
 from hdagen.arm.compiled_arm import MOST_MEMORY_DECAYS, Arm
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
+from hdagen.diagnosis.inference.alternative_starts import refit_without
+from hdagen.diagnosis.inference.fit_steps import advance_fit
 from hdagen.diagnosis.inference.linearization import compute_sensitivities
-from hdagen.diagnosis.inference.local_fit import advance_fit, refit_without
 from hdagen.diagnosis.inference.local_fit import start_fit as begin_fit
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.rollout import Rollout
 from hdagen.diagnosis.inference.sensitivities import (
     OperatingPoint,
     compute_finite_differences,
