@@ -29,9 +29,9 @@ from hdagen.diagnosis.initialization.encoder_regression import (
     _regress_robustly,
     _split_encoder_bias,
 )
-from hdagen.diagnosis.search import fit_order, hypothesis_search
+from hdagen.diagnosis.search import close_calls, fit_order, hypothesis_race
 from hdagen.diagnosis.search.fit_order import drop_columns, first_with_columns
-from hdagen.diagnosis.search.hypothesis_search import AT_BOUND_DEVIATIONS, _find_at_bound
+from hdagen.diagnosis.search.hypothesis_race import AT_BOUND_DEVIATIONS, _find_at_bound
 from hdagen.support.heap_memory import tune_malloc
 
 
@@ -141,16 +141,16 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
         moved.append(one.atoms)
         return fit(one.atoms, min(one.score.evidence + 2.0, ends[one.atoms]))
 
-    monkeypatch.setattr(hypothesis_search, "advance_fit", step)
+    monkeypatch.setattr(hypothesis_race, "advance_fit", step)
     lead, none, far = fit((1,), -104.0), fit((), -108.0), fit((2,), -130.0)
-    found = hypothesis_search._settle_close_calls([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
+    found = close_calls.settle_close_calls([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
     assert [(f.effects, f.score.evidence) for f in found] == [((), -100), ((1,), -103), ((), -112), ((2,), -130)]
     assert set(moved) == {(), (1,)}
-    assert hypothesis_search._settle_close_calls([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
+    assert close_calls.settle_close_calls([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
     bare: Any = Fit(atoms=(3,), score=SimpleNamespace(evidence=-101.0), reached=-101.0, whole=False, stands=True)
-    monkeypatch.setattr(hypothesis_search, "restore_columns", lambda one, words: fit(one.atoms, one.score.evidence))
-    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: one)
-    assert first_with_columns(hypothesis_search._settle_close_calls([far, lead, bare], None, print)).effects == (3,)  # type: ignore[arg-type]
+    monkeypatch.setattr(close_calls, "restore_columns", lambda one, words: fit(one.atoms, one.score.evidence))
+    monkeypatch.setattr(hypothesis_race, "advance_fit", lambda one, words: one)
+    assert first_with_columns(close_calls.settle_close_calls([far, lead, bare], None, print)).effects == (3,)  # type: ignore[arg-type]
 
 
 def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,9 +163,9 @@ def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatc
         return one
 
     went: list[float] = []
-    monkeypatch.setattr(hypothesis_search, "_continue_fit", lambda one, *_: went.append(one.reached) or one)
+    monkeypatch.setattr(close_calls, "continue_fit", lambda one, *_: went.append(one.reached) or one)
     both = [fit((1, 2), -100.0), fit((2, 1), -101.0), fit((1,), -106.0), fit((1, 2, 3), -109.0), fit((4,), -117.0)]
-    hypothesis_search._settle_close_calls(both, None, lambda word: None)  # type: ignore[arg-type]
+    close_calls.settle_close_calls(both, None, lambda word: None)  # type: ignore[arg-type]
     assert sorted(went) == [-106.0, -100.0]
 
 

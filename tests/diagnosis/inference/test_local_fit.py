@@ -22,16 +22,15 @@ from hdagen.diagnosis.inference.marginal_likelihood import (
     compute_posteriors,
     solve_with_scales,
 )
-from hdagen.diagnosis.search import hypothesis_search, multistart
-from hdagen.diagnosis.search.fit_order import EFFECT_PENALTY, first_with_columns
-from hdagen.diagnosis.search.hypothesis_search import (
+from hdagen.diagnosis.search import close_calls, hypothesis_race, multistart
+from hdagen.diagnosis.search.fit_order import EFFECT_PENALTY, drop_undeserved, first_with_columns
+from hdagen.diagnosis.search.hypothesis_race import (
     CLOSE_CALL_MARGIN,
     LEAST_EVIDENCE_GAIN,
     LEAST_PROMISE_SHARE,
     OUTDONE_RATIO,
-    _drop_undeserved,
-    _run_race,
-    _start_promising,
+    run_race,
+    start_promising,
 )
 
 
@@ -148,12 +147,12 @@ def test_a_fit_that_hardly_gets_better_stands(monkeypatch: pytest.MonkeyPatch) -
 def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """A step may end where a linear model promises much that the steps after it do not come to."""
     way = iter([(-95.0, 3.0), (-40.0, 200.0), (-60.0, 190.0)])
-    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: fit(*next(way)))
-    found = hypothesis_search._continue_fit(fit(-100.0, 1.0), None, 3, 1.0)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "advance_fit", lambda one, words: fit(*next(way)))
+    found = hypothesis_race.continue_fit(fit(-100.0, 1.0), None, 3, 1.0)  # type: ignore[arg-type]
     assert (found.score.evidence, found.evidence_here) == (-95.0, -98.0)
     realised = iter([(-40.0, 200.0), (-41.0, 10.0), (-41.0, 0.5), (-41.0, 0.5)])
-    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: fit(*next(realised)))
-    assert hypothesis_search._continue_fit(fit(-100.0), None, 8, 1.0).evidence_here == -41.5  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "advance_fit", lambda one, words: fit(*next(realised)))
+    assert hypothesis_race.continue_fit(fit(-100.0), None, 8, 1.0).evidence_here == -41.5  # type: ignore[arg-type]
 
 
 class Runner(SimpleNamespace):
@@ -188,10 +187,10 @@ def test_who_trails_by_little_is_fitted_to_the_end(
         fitted.append(one.names)
         return one
 
-    monkeypatch.setattr(hypothesis_search, "_advance_with_report", further)
+    monkeypatch.setattr(hypothesis_race, "advance_with_report", further)
     ends = {"": 0.0, "leading": lead, "other": other}
-    monkeypatch.setattr(hypothesis_search, "_is_outdone", lambda none, lead: False)
-    found = _run_race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "_is_outdone", lambda none, lead: False)
+    found = run_race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", "other", ""]
     assert fitted.count("other") == rounds
 
@@ -199,11 +198,11 @@ def test_who_trails_by_little_is_fitted_to_the_end(
 def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
     )
     ends = {"": 0.0, "leading": 30 * CLOSE_CALL_MARGIN, "some": 4 * CLOSE_CALL_MARGIN, "faint": 2 * CLOSE_CALL_MARGIN}
-    monkeypatch.setattr(hypothesis_search, "_is_outdone", lambda none, lead: False)
-    found = _run_race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "_is_outdone", lambda none, lead: False)
+    found = run_race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
     assert set(fitted) == {"", "leading", "some"}
     assert [f.names for f in found] == ["leading", "some", "faint", ""]
 
@@ -215,15 +214,15 @@ def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkey
     at: Any = SimpleNamespace(shooting=SimpleNamespace(arm=None))
     scored: Any = [SimpleNamespace(effects=(), evidence=-7.0, posterior=SimpleNamespace(s=0.1))]
     scored += [SimpleNamespace(effects=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
-    monkeypatch.setattr(hypothesis_search, "start_fit", lambda at, words, atoms, near, start: atoms)
+    monkeypatch.setattr(hypothesis_race, "start_fit", lambda at, words, atoms, near, start: atoms)
     assert gains["faint"] > LEAST_EVIDENCE_GAIN
-    assert _start_promising(at, words, scored, {}, (), 9, LEAST_EVIDENCE_GAIN) == [(0,), (1,)]  # type: ignore[comparison-overlap]
+    assert start_promising(at, words, scored, {}, (), 9, LEAST_EVIDENCE_GAIN) == [(0,), (1,)]  # type: ignore[comparison-overlap]
 
 
 def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
     )
     field = runners(
         {
@@ -233,7 +232,7 @@ def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypa
             "b": 9.7 * CLOSE_CALL_MARGIN,
         }
     )
-    _run_race(field, None, (1, 1), lambda word: None)  # type: ignore[arg-type]
+    run_race(field, None, (1, 1), lambda word: None)  # type: ignore[arg-type]
     assert {name: fitted.count(name) for name in ("ab", "abc", "a", "b")} == {"ab": 2, "abc": 2, "a": 2, "b": 1}
 
 
@@ -247,7 +246,7 @@ def test_a_set_leads_only_if_it_is_ahead_by_more_than_the_prior_takes(ahead: flo
 
     ends = {"ab": ahead * EFFECT_PENALTY, "a": 0.0, "": -100.0}
     field: Any = [Whole(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()]
-    found = _drop_undeserved(field)
+    found = drop_undeserved(field)
     assert [f.names for f in found] == list(ends)  # none is lost
     assert first_with_columns(found).names == leads
 
@@ -258,10 +257,10 @@ def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_t
 ) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
     )
     field = runners({"": -2000.0 * lacks, "leading": -2000.0})
-    found = _run_race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    found = run_race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", ""]
     assert fitted.count("leading") == 3 and fitted.count("") == rounds
 
@@ -324,7 +323,7 @@ def test_what_begins_where_the_lead_stands_ends_where_it_does_not_come_close(
         return SimpleNamespace(atoms=(0,), score=score, reached=score.evidence, **given)
 
     walk = [runner(step) for step in steps]
-    monkeypatch.setattr(hypothesis_search, "_advance_with_report", lambda words, say, when, one: walk.pop(0))
+    monkeypatch.setattr(close_calls, "advance_with_report", lambda words, say, when, one: walk.pop(0))
     begin: Any = (lambda lead, words, atoms: runner(-4.0), (0,))
-    found = hypothesis_search._fit_from_leader(runner(0.0), None, lambda word: None, begin)  # type: ignore[arg-type]
+    found = close_calls.fit_from_leader(runner(0.0), None, lambda word: None, begin)  # type: ignore[arg-type]
     assert found.has_columns == close and not walk
