@@ -20,7 +20,8 @@ from hdagen.control.guard_limits import Guard, Safe, pack_limits
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference
 from hdagen.mpc.compiled_settings import LIMIT_FAMILIES, find_torque_limits, list_report_parts, pack_settings
-from hdagen.mpc.configuration import Configuration, Wall, expand_values, list_admittance_gains
+from hdagen.mpc.configuration import Configuration, expand_values, list_admittance_gains
+from hdagen.mpc.wall import Wall
 
 RUNGS = ("on the plan", "on the last plan, shifted", "held by an impedance", "on the ramp to the safe torque")
 
