@@ -68,28 +68,12 @@ def pack_limits(arm: Arm, guard: Guard, problems: list[str]) -> Array:
             problems.append(f"{name} is a whole number from 1 to {NEVER_TICKS}, not {getattr(guard, name)}.")
     if np.shape(guard.period_share) != (2,):
         problems.append(f"period_share is two numbers, shortest and longest, not {guard.period_share}.")
-    joints, n = arm.robot["joints"], arm.n
-    drives = [joint["drive"] for joint in joints]
-    limits = [joint["limits"] for joint in joints]
-    sensors = [joint["sensor"] for joint in joints]
+    n = arm.n
     sources = {
         "torque_limit": "torque_constant and max_current in [joint.drive], or torque in [joint.limits]",
         "torque_rate": "motor_torque_rate in [joint.limits]",
     }
-    stated = {
-        "torque_limit": [_find_largest_torque(drive, limit) for drive, limit in zip(drives, limits, strict=True)],
-        "torque_rate": [limit["motor_torque_rate"] for limit in limits],
-        "motor_jump": [
-            _find_largest_jump(
-                limit["speed"], guard.period, drive["ratio"]["nominal"], sensor["motor_encoder_resolution"]
-            )
-            for limit, drive, sensor in zip(limits, drives, sensors, strict=True)
-        ],
-        "joint_jump": [
-            _find_largest_jump(limit["speed"], guard.period, 1.0, sensor["joint_encoder_resolution"])
-            for limit, sensor in zip(limits, sensors, strict=True)
-        ],
-    }
+    stated = _find_stated_limits(arm, guard.period)
     values = []
     for name in (*stated, "safe_damping", "safe_stiffness"):
         given = getattr(guard, name)
@@ -110,6 +94,26 @@ def pack_limits(arm: Arm, guard: Guard, problems: list[str]) -> Array:
         return np.empty(0)
     period = [guard.period, *(share * guard.period for share in guard.period_share)]
     return np.array([*period, guard.watchdog, guard.force_limit, *values], float)
+
+
+def _find_stated_limits(arm: Arm, period: float) -> dict[str, list[Any]]:
+    """The limits that the robot file states, by name, one a joint; None where it states none."""
+    joints = arm.robot["joints"]
+    drives = [joint["drive"] for joint in joints]
+    limits = [joint["limits"] for joint in joints]
+    sensors = [joint["sensor"] for joint in joints]
+    return {
+        "torque_limit": [_find_largest_torque(drive, limit) for drive, limit in zip(drives, limits, strict=True)],
+        "torque_rate": [limit["motor_torque_rate"] for limit in limits],
+        "motor_jump": [
+            _find_largest_jump(limit["speed"], period, drive["ratio"]["nominal"], sensor["motor_encoder_resolution"])
+            for limit, drive, sensor in zip(limits, drives, sensors, strict=True)
+        ],
+        "joint_jump": [
+            _find_largest_jump(limit["speed"], period, 1.0, sensor["joint_encoder_resolution"])
+            for limit, sensor in zip(limits, sensors, strict=True)
+        ],
+    }
 
 
 def _find_largest_torque(drive: Mapping[str, Any], limit: Mapping[str, Any]) -> float | None:

@@ -107,7 +107,6 @@ def check_time(
             f"±{_LARGEST_STAMP:g} s in all: memory that was never written? Delete these rows."
         ]
     problems = []
-    declared = source is not None and bool(source.unit)
     steps = np.diff(time)
     back, same = np.flatnonzero(steps < 0), np.flatnonzero(steps == 0)
     if len(back):
@@ -123,23 +122,29 @@ def check_time(
             " in all: log time with more digits; or, in columns.toml under [time], give the period, where rows are"
             ' even, or keep the first of each with duplicates = "first".'
         )
-    step = float(np.median(steps))
-    if not declared and not len(back) and step >= _LONGEST_PERIOD:
+    if not (source is not None and source.unit) and not len(back):
+        problems += _check_unit(path, float(np.median(steps)))
+    return problems
+
+
+def _check_unit(path: Path, step: float) -> list[str]:
+    """Check whether a usual step between rows, s, is that of a control loop, or of time in another unit."""
+    if step >= _LONGEST_PERIOD:
         unit, word = "ns", "nano"
         if step < 100:
             unit, word = "ms", "milli"
         elif step < 1e5:
             unit, word = "us", "micro"
-        problems.append(
+        return [
             f"{path}: time looks like {word}seconds (rows are {step:.6g} apart, and s is expected): set "
             f'unit = "{unit}" under [time] in columns.toml, or unit = "s" if it is right.'
-        )
-    if not declared and not len(back) and 0 < step < _SHORTEST_PERIOD:
-        problems.append(
+        ]
+    if 0 < step < _SHORTEST_PERIOD:
+        return [
             f"{path}: rows are {step:.3g} s apart, faster than any control loop: "
             "set unit under [time] in columns.toml, or period = the true step in s."
-        )
-    return problems
+        ]
+    return []
 
 
 def check_values(path: Path, raw: Table, mapped: MappedColumns, holes: bool) -> list[str]:
