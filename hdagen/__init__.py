@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from hdagen.arm.build_loader import PlantError
     from hdagen.arm.compiled_arm import Arm, load
     from hdagen.arm.compiled_model import StepJacobians
-    from hdagen.control.guarded_controller import Controller, Fault, Guard, Safe
+    from hdagen.control.guard_limits import Guard, Safe
+    from hdagen.control.guarded_controller import Controller, Fault
     from hdagen.control.reference_motion import Reference, circle
     from hdagen.log.data_table import LogError
     from hdagen.log.measured_log import Log
@@ -45,7 +46,8 @@ __all__ = [
     "simulate",
 ]
 _HOMES = {
-    "control.guarded_controller": ("Controller", "Fault", "Guard", "Safe"),
+    "control.guard_limits": ("Guard", "Safe"),
+    "control.guarded_controller": ("Controller", "Fault"),
     "log.data_table": ("LogError",),
     "log.measured_log": ("Log",),
     "mpc.predictive_controller": ("MPC",),

@@ -12,7 +12,7 @@ from gen.c_code import headers, vectorized_closed_loop, vectorized_dynamics
 from gen.c_code.emitter import emit_preparation, scalar_function
 from gen.effects.effect import Effect
 from gen.model.arm_model import Model
-from gen.model.compliance_laws import Law
+from gen.model.control_loop import Law
 from gen.model.emitted_function import EmittedFunction
 from gen.model.function_library import Library
 from gen.mpc.problem_structure import Structure

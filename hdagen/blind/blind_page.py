@@ -12,14 +12,14 @@ from hdagen.blind.confidence_intervals import finite_or_none
 from hdagen.blind.labels import FIGURE_LABELS, format_figure
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
 from hdagen.blind.required_rates import Bar
-from hdagen.blind.scores import (
-    Row,
+from hdagen.blind.score_summary import (
     accuracy_by_coverage,
     bin_by_confidence,
     closed_share,
     count_confusions,
     select_single,
 )
+from hdagen.blind.scores import Row
 from hdagen.pages import figure, page
 from hdagen.pages.number_table import TableCell
 from hdagen.support.version import __version__

@@ -24,7 +24,8 @@ from hdagen.blind.blind_page import KIND_TITLES
 from hdagen.blind.confidence_intervals import Figure, pool_means, pool_rates
 from hdagen.blind.labels import FIGURE_LABELS, format_figure
 from hdagen.blind.required_rates import BARS, Bar
-from hdagen.blind.scores import Row, summarize_rows
+from hdagen.blind.score_summary import summarize_rows
+from hdagen.blind.scores import Row
 from hdagen.diagnosis.decision import calibration
 from hdagen.diagnosis.decision.calibration import LARGEST_FILE_BYTES
 from hdagen.support.atomic_write import write_atomically

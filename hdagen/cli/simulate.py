@@ -96,7 +96,8 @@ def run(options: argparse.Namespace) -> int:
 
     from hdagen.arm.build_loader import PlantError
     from hdagen.arm.compiled_arm import Arm, load
-    from hdagen.control.guarded_controller import Controller, Guard, Safe
+    from hdagen.control.guard_limits import Guard, Safe
+    from hdagen.control.guarded_controller import Controller
     from hdagen.log.data_table import find_write_problems
     from hdagen.log.measured_log import write
     from hdagen.simulation.simulated_sensors import Sensors

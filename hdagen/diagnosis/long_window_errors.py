@@ -16,7 +16,8 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.data.gap import SIGNIFICANT_NOISE_MULTIPLE
 from hdagen.diagnosis.data.split import Mask
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.rollout import Rollout
 
 
 @dataclass(eq=False)

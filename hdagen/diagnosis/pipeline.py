@@ -40,7 +40,7 @@ from hdagen.diagnosis.report.sentences import say_contradiction
 from hdagen.diagnosis.residuals.controller_impact import compare_controllers
 from hdagen.diagnosis.residuals.localization import localize_gap
 from hdagen.diagnosis.residuals.residual_torque import see_residual_torque
-from hdagen.diagnosis.search.hypothesis_search import SearchResult, search_effects
+from hdagen.diagnosis.search.effect_search import SearchResult, search_effects
 from hdagen.diagnosis.search.null_model import fit_null_model
 from hdagen.diagnosis.search.rigid_or_flexible import compare_with_springs
 from hdagen.log.data_table import LogError

@@ -15,7 +15,8 @@ from scipy.linalg import expm
 from gen.model.compliance_laws import held_force
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle, solve_inverse_kinematics
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push, Simulation, run, simulate_ideal_admittance

@@ -17,7 +17,8 @@ from guard_library import CODE
 from gen.builder.gains_table import make_gains_table
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 
 LAWS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint")
 GUARD = Guard(Safe.ZERO)

@@ -15,7 +15,7 @@ from hdagen.data_quality.positions import find_encoder_skews
 from hdagen.data_quality.rank_check import find_resolved_orders, is_determined
 from hdagen.diagnosis.data.windows import _measure_following_noise
 from hdagen.diagnosis.report import residual_maps
-from hdagen.diagnosis.residuals.localization import ResidualTrace
+from hdagen.diagnosis.residuals.residual_trace import ResidualTrace
 from hdagen.diagnosis.search import ripple_order
 from hdagen.log.measured_log import Log
 

@@ -14,7 +14,8 @@ from hdagen.diagnosis.decision.identifiability import Identifiability
 from hdagen.diagnosis.decision.wrong_robot import refuse_wrong_robot
 from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE, SPIKE_SCALES, Candidate, CandidateSet, Column
 from hdagen.diagnosis.inference.gauss_newton import compute_hypothesis_widths
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel, TotalNormalEquations
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, TotalNormalEquations
+from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import apply_laplace, solve_with_scales
 from hdagen.diagnosis.inference.sensitivities import (
     FEWEST_ROWS_OF_STEP,
@@ -28,9 +29,9 @@ from hdagen.diagnosis.initialization.encoder_regression import (
     _regress_robustly,
     _split_encoder_bias,
 )
-from hdagen.diagnosis.search import fit_order, hypothesis_search
+from hdagen.diagnosis.search import close_calls, fit_order, hypothesis_race
 from hdagen.diagnosis.search.fit_order import drop_columns, first_with_columns
-from hdagen.diagnosis.search.hypothesis_search import AT_BOUND_DEVIATIONS, _find_at_bound
+from hdagen.diagnosis.search.hypothesis_race import AT_BOUND_DEVIATIONS, _find_at_bound
 from hdagen.support.heap_memory import tune_malloc
 
 
@@ -142,12 +143,12 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
         moved.append(one.effects)
         return fit(one.effects, min(one.score.evidence + 2.0, ends[one.effects]))
 
-    monkeypatch.setattr(hypothesis_search, "advance_fit", step)
+    monkeypatch.setattr(hypothesis_race, "advance_fit", step)
     lead, none, far = fit((1,), -104.0), fit((), -108.0), fit((2,), -130.0)
-    found = hypothesis_search._settle_close_calls([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
+    found = close_calls.settle_close_calls([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
     assert [(f.effects, f.score.evidence) for f in found] == [((), -100), ((1,), -103), ((), -112), ((2,), -130)]
     assert set(moved) == {(), (1,)}
-    assert hypothesis_search._settle_close_calls([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
+    assert close_calls.settle_close_calls([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
     bare: Any = Fit(
         effects=(3,),
         score=SimpleNamespace(evidence=-101.0),
@@ -155,9 +156,9 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
         has_columns=False,
         has_converged=True,
     )
-    monkeypatch.setattr(hypothesis_search, "restore_columns", lambda one, words: fit(one.effects, one.score.evidence))
-    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: one)
-    assert first_with_columns(hypothesis_search._settle_close_calls([far, lead, bare], None, print)).effects == (3,)  # type: ignore[arg-type]
+    monkeypatch.setattr(close_calls, "restore_columns", lambda one, words: fit(one.effects, one.score.evidence))
+    monkeypatch.setattr(hypothesis_race, "advance_fit", lambda one, words: one)
+    assert first_with_columns(close_calls.settle_close_calls([far, lead, bare], None, print)).effects == (3,)  # type: ignore[arg-type]
 
 
 def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,9 +172,9 @@ def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatc
         return one
 
     went: list[float] = []
-    monkeypatch.setattr(hypothesis_search, "_continue_fit", lambda one, *_: went.append(one.evidence_here) or one)
+    monkeypatch.setattr(close_calls, "continue_fit", lambda one, *_: went.append(one.evidence_here) or one)
     both = [fit((1, 2), -100.0), fit((2, 1), -101.0), fit((1,), -106.0), fit((1, 2, 3), -109.0), fit((4,), -117.0)]
-    hypothesis_search._settle_close_calls(both, None, lambda word: None)  # type: ignore[arg-type]
+    close_calls.settle_close_calls(both, None, lambda word: None)  # type: ignore[arg-type]
     assert sorted(went) == [-106.0, -100.0]
 
 
@@ -373,7 +374,7 @@ def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:
     linear, *_ = problem(np.random.default_rng(8))
     before = linear.normal_equations(0.3)
     linear.cross_products.drop_caches()
-    assert not linear.cross_products.reduced_cache and "spectrum" not in linear.cross_products.__dict__
+    assert not linear.cross_products.reduced_cache and "eliminated_states" not in linear.cross_products.__dict__
     after = linear.normal_equations(0.3)
     assert (
         (before.N == after.N).all() and (before.b == after.b).all() and before.log_determinant == after.log_determinant

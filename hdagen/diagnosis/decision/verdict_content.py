@@ -15,8 +15,8 @@ from hdagen.diagnosis.decision.posterior import SURE_BELOW, Decision
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
 from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE, SILENT_SPIKE_WIDTH
 from hdagen.diagnosis.inference.local_fit import Fit
+from hdagen.diagnosis.search.effect_search import SearchResult
 from hdagen.diagnosis.search.fit_order import first_with_columns
-from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
 TILT_EQUIVALENTS = {
     "tilt_x": "gravity_x",

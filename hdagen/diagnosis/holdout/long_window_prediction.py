@@ -29,8 +29,8 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.gap import measure_block_errors
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.inference.local_fit import Fit
+from hdagen.diagnosis.search.effect_search import SearchResult
 from hdagen.diagnosis.search.fit_order import charge_effects
-from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.prediction.window_replay import Replay
 from hdagen.support.parallel import map_in_threads
 

@@ -8,7 +8,7 @@ from typing import Any
 from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
-from hdagen.diagnosis.search.hypothesis_search import SearchResult
+from hdagen.diagnosis.search.effect_search import SearchResult
 from hdagen.prediction.window_replay import Replay
 
 

@@ -13,9 +13,10 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.residuals.effect_agreement import measure_agreement
-from hdagen.diagnosis.residuals.localization import ResidualTrace, list_regressors, time_since_reversal, trace_residual
+from hdagen.diagnosis.residuals.localization import list_regressors, time_since_reversal
 from hdagen.diagnosis.residuals.regressor_tests import explain_variance
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
+from hdagen.diagnosis.residuals.residual_trace import ResidualTrace, trace_residual
 from hdagen.diagnosis.residuals.spectra import Spectra
 from hdagen.log.column_map import name_command_channel
 from hdagen.pages.curves import Curve, Panel, Plane, Series, draw_panels, draw_planes

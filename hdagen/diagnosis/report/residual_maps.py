@@ -6,8 +6,8 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.data_quality.rank_check import find_resolved_orders
-from hdagen.diagnosis.residuals.localization import ResidualTrace, trace_residual
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
+from hdagen.diagnosis.residuals.residual_trace import ResidualTrace, trace_residual
 from hdagen.diagnosis.residuals.spectra import SEGMENT_LENGTH, compare_with_input
 from hdagen.pages.curves import Panel, Series, draw_panels
 from hdagen.pages.heat_map import draw_heat_map

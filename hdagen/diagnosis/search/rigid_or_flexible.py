@@ -18,13 +18,15 @@ from hdagen.arm.compiled_arm import Arm, load
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import WindowedRecord, cut_windows
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, compute_sensitivities
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
+from hdagen.diagnosis.search.effect_search import SearchResult, run_races
 from hdagen.diagnosis.search.fit_order import drop_columns, leaves_much, sort_by_evidence
-from hdagen.diagnosis.search.hypothesis_search import TRAILING_SHARE, SearchResult, run_races
+from hdagen.diagnosis.search.hypothesis_race import TRAILING_SHARE
 
 SPRING_EFFECT = "missing_compliance"
 SPRING_SIZES = (1.0, 4.0)  # typical sizes at which a fit with springs starts

@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 from hdagen.adoption.robot_file import RobotFile
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle
 from hdagen.log.measured_log import Log
 from hdagen.simulation.simulated_sensors import Sensors

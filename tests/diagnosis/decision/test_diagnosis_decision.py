@@ -25,7 +25,7 @@ from hdagen.diagnosis.decision.posterior import (
     score_hypotheses,
 )
 from hdagen.diagnosis.inference.candidate_priors import Candidate
-from hdagen.diagnosis.inference.multiple_shooting import Rollout
+from hdagen.diagnosis.inference.rollout import Rollout
 
 PLACES = {
     "thermal_friction@2": "motor",

@@ -18,8 +18,8 @@ from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.initialization.torque_regression import LARGEST_REGRESSED_SET, TorqueRegression
+from hdagen.diagnosis.search.effect_search import search_effects
 from hdagen.diagnosis.search.fit_order import sort_by_evidence
-from hdagen.diagnosis.search.hypothesis_search import search_effects
 from hdagen.diagnosis.search.null_model import fit_null_model
 from hdagen.log.column_map import name_command_channel
 from hdagen.log.measured_log import Log

@@ -30,7 +30,7 @@ from hdagen.diagnosis.report import report_page
 from hdagen.diagnosis.report.effect_plots import average_in_bins, draw_effect
 from hdagen.diagnosis.report.sentences import MOST_NAMED_ALTERNATIVES, explain_confounding, write_verdict
 from hdagen.diagnosis.report.sentences import name_effect as in_words
-from hdagen.diagnosis.residuals.localization import localize_gap, trace_residual
+from hdagen.diagnosis.residuals.localization import localize_gap
 from hdagen.diagnosis.residuals.regressor_tests import (
     SIGNIFICANCE_LEVEL,
     Regressor,
@@ -39,6 +39,7 @@ from hdagen.diagnosis.residuals.regressor_tests import (
     find_concentrations,
 )
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque, see_residual_torque
+from hdagen.diagnosis.residuals.residual_trace import trace_residual
 from hdagen.diagnosis.residuals.spectra import Spectra, find_loudest_band
 from hdagen.diagnosis.residuals.whiteness import LJUNG_BOX_LAGS, measure_whiteness
 from hdagen.log.measured_log import Log
