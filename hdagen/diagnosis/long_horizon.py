@@ -32,7 +32,7 @@ from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.long_window_errors import LongWindowErrors
 from hdagen.diagnosis.long_window_fit import FOLDS, EffectModel, LongWindowFit
-from hdagen.diagnosis.search.effect_search import SearchResult
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.prediction.window_replay import REPLAY_WINDOW
 
 TRIED_SIZES = (0.5, 2.0)  # usual sizes that are tried of each effect

@@ -17,7 +17,7 @@ from hdagen.diagnosis.decision import calibration
 from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.inference.rollout import Rollout
-from hdagen.diagnosis.search.effect_search import SearchResult
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
 PRIOR_NO_EFFECT = 0.5  # prior probability of no effect
 PRIOR_FURTHER_EFFECT = 0.3  # that there is one more

@@ -11,7 +11,7 @@ from typing import Any
 from hdagen.adoption.verdict import is_uninformed
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE
-from hdagen.diagnosis.report.diagnosis_result import Diagnosis
+from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
 from hdagen.diagnosis.report.effect_plots import draw_effect
 from hdagen.diagnosis.report.gap_section import list_gap_levels, show_gap
 from hdagen.diagnosis.report.residual_maps import draw_residual_maps
@@ -34,7 +34,7 @@ INFORMATIVE_WIDTH_RATIO = 0.5  # posterior by prior width, up to which the data 
 CORRELATION_SECONDS = 0.25  # s, of the correlations of the residuals
 
 
-def write_report(diagnosis: Diagnosis, path: Path, again: str) -> None:
+def write_report(diagnosis: DiagnosisResult, path: Path, again: str) -> None:
     """Write report.html.
 
     Args:
@@ -81,7 +81,7 @@ def _show_candidates(content: dict[str, Any]) -> Section:
         f" and every other effect within a small size. An effect below {100 * PRESENT_SIZE:g} % of its usual size"
         f" counts as none.{_explain_long_horizon(content)}\n\n{explain_confounding(content)}"
     )
-    if unseen := content["unseen"]:
+    if unseen := content["undetectable"]:
         this = "This"
         if _names_unknown(content):
             this = "Beside what is unknown this"
@@ -131,7 +131,7 @@ def _explain_long_horizon(content: dict[str, Any]) -> str:
 def _show_direct_evidence(content: dict[str, Any]) -> list[str]:
     """A table of the effects that commands and encoders show by themselves; no table where there are none."""
     rows: list[list[str | float | None]] = []
-    for one in content["alone"]:
+    for one in content["direct_evidence"]:
         values = ", ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in one["parameters"].items())
         rows.append([name_effect(f"{one['effect']}@{one['joint']}"), values, 100 * one["left"]])
     if not rows:
@@ -149,7 +149,7 @@ def _show_direct_evidence(content: dict[str, Any]) -> list[str]:
 
 def _show_ranking(content: dict[str, Any]) -> str:
     """The gaps of the leading hypotheses on held-out motion."""
-    gap, rungs = content["gap"], content["ladder"]
+    gap, rungs = content["gap"], content["ranking"]
     return draw_bars(
         "Candidates on held-out motion",
         [_label_model(one) for one in rungs],

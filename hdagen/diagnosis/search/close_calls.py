@@ -4,6 +4,7 @@ best, each fitted to its end.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -20,10 +21,14 @@ from hdagen.diagnosis.search.hypothesis_race import (
     MOST_CLOSE_CALLS,
     MOST_LOOK_ALIKES,
     REFIT_ROUNDS,
-    advance_with_report,
+    advance_with_note,
     continue_fit,
+    join_effect_names,
 )
+from hdagen.diagnosis.stages.stage import Stage, StageListener
 from hdagen.support.parallel import map_in_threads
+
+LOGGER = logging.getLogger(__name__)
 
 RefitCall = tuple[Callable[[Fit, CandidateSet, tuple[int, ...]], Fit], tuple[int, ...]]
 
@@ -63,14 +68,14 @@ def find_look_alikes(lead: Fit, fitted: Sequence[Fit], words: CandidateSet) -> l
     return [atoms for _, atoms in sorted(found, reverse=True)[:MOST_LOOK_ALIKES]]
 
 
-def settle_close_calls(fits: list[Fit], words: CandidateSet, say: Callable[[str], None]) -> list[Fit]:
+def settle_close_calls(fits: list[Fit], words: CandidateSet, on_stage: StageListener) -> list[Fit]:
     """Fit all hypotheses close to the best to their end, so that a close call does not depend on who was dropped on the
     way.
 
     Args:
         fits: the fits, which are used up.
         words: all candidates.
-        say: receives a sentence that names the close ones.
+        on_stage: receives the stage as it begins.
 
     Returns:
         The fits, the best first.
@@ -86,7 +91,8 @@ def settle_close_calls(fits: list[Fit], words: CandidateSet, say: Callable[[str]
     close = list(best.values())[:MOST_CLOSE_CALLS]
     if len(close) < 2:
         return drop_columns(ordered)
-    say(f"going on with {', '.join(' + '.join(fit.names) or 'none' for fit in close)}")
+    on_stage(Stage.CLOSE_CALLS)
+    LOGGER.info("going on with %s", ", ".join(join_effect_names(fit) for fit in close))
     rest = [fit.without_columns() for fit in ordered if fit not in close]
     del ordered, best, fits[:]  # the other fits free their memory
     done = [fit.names for fit in close[1:] if fit.has_converged]  # the best one must have its columns
@@ -100,13 +106,12 @@ def settle_close_calls(fits: list[Fit], words: CandidateSet, say: Callable[[str]
     return drop_columns(sort_by_evidence([*stood, *rest]))
 
 
-def fit_from_leader(lead: Fit, words: CandidateSet, say: Callable[[str], None], begin: RefitCall) -> Fit:
+def fit_from_leader(lead: Fit, words: CandidateSet, begin: RefitCall) -> Fit:
     """Fit a hypothesis that starts at the leader's point.
 
     Args:
         lead: the leader.
         words: all candidates.
-        say: receives a sentence as each step begins.
         begin: the function that starts the hypothesis from the leader, and the places of its candidates.
 
     Returns:
@@ -121,9 +126,7 @@ def fit_from_leader(lead: Fit, words: CandidateSet, say: Callable[[str], None], 
     )
     for number in range(1, REFIT_ROUNDS + 1):
         before = fit
-        fit = advance_with_report(
-            words, say, f"from {' + '.join(lead.names)}, round {number} of {REFIT_ROUNDS}", before
-        )
+        fit = advance_with_note(words, f"from {join_effect_names(lead)}, round {number} of {REFIT_ROUNDS}", before)
         gain = max(fit.score.evidence - before.score.evidence, fit.evidence_here - before.evidence_here)
         behind = least - charge_effects(fit.score.evidence, fit, lead.misfit_temperature)
         if fit.evidence_here < lead.evidence_here and behind > gain * (REFIT_ROUNDS - number):

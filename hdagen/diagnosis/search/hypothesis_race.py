@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -17,7 +18,11 @@ from hdagen.diagnosis.inference.sensitivities import Sensitivities, select_colum
 from hdagen.diagnosis.search.fit_order import first_with_columns, keep_best_starts, place_by_size, sort_by_promise
 from hdagen.diagnosis.search.multistart import Start, scan_sizes
 from hdagen.diagnosis.search.null_model import choose_spike_scale
+from hdagen.diagnosis.stages.stage import Stage, StageListener
 from hdagen.support.parallel import map_in_threads
+
+LOGGER = logging.getLogger(__name__)
+RACE_STAGES = (Stage.RACE_ROUND_1, Stage.RACE_ROUND_2, Stage.RACE_ROUND_3)
 
 RACE_SIZES = (9, 5, 3)  # hypotheses beside the null model in each round of the race
 MOST_EFFECTS_OF_SET = 3  # effects at once
@@ -161,14 +166,14 @@ def start_promising(
     return map_in_threads(begin, leading)
 
 
-def run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], say: Callable[[str], None]) -> list[Fit]:
+def run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], on_stage: StageListener) -> list[Fit]:
     """Fit hypotheses in rounds, and drop those that trail far behind.
 
     Args:
         field: the hypotheses, which are used up.
         words: all candidates.
         sizes: hypotheses beside the null model in each round.
-        say: receives a sentence as each fit begins.
+        on_stage: receives each stage as it begins.
 
     Returns:
         All fits, the most promising first.
@@ -176,9 +181,10 @@ def run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], say:
     """
     field[:], out = _keep_promising(sort_by_promise(field), FIRST_ROUND_SHARE, len(field))
     for number, most in enumerate((*sizes[1:], len(field)), 1):
+        on_stage(RACE_STAGES[number - 1])
         given = (field.pop(0) for _ in range(len(field)))  # each old fit frees its memory as soon as its step is done
         moved = sort_by_promise(
-            map_in_threads(partial(advance_with_report, words, say, f"round {number} of {len(sizes)}"), given)
+            map_in_threads(partial(advance_with_note, words, f"round {number} of {len(sizes)}"), given)
         )
         if number == MERGING_ROUND:
             moved, left_behind = keep_best_starts(moved)
@@ -224,21 +230,33 @@ def _is_outdone(none: Fit, lead: Fit) -> bool:
     )
 
 
-def advance_with_report(words: CandidateSet, say: Callable[[str], None], when: str, fit: Fit) -> Fit:
-    """Announce a step of a fit and take it.
+def advance_with_note(words: CandidateSet, when: str, fit: Fit) -> Fit:
+    """Log a step of a fit and take it.
 
     Args:
         words: all candidates.
-        say: receives the sentence.
-        when: the round, in words.
+        when: the place of the step in the search.
         fit: the fit.
 
     Returns:
         The fit after the step.
 
     """
-    say(f"fitting {' + '.join(fit.names) or 'none'}, {when}")
+    LOGGER.info("fitting %s, %s", join_effect_names(fit), when)
     return advance_fit(fit, words)
+
+
+def join_effect_names(fit: Fit) -> str:
+    """Join the names of a fit's effects.
+
+    Args:
+        fit: the fit.
+
+    Returns:
+        The effects in words.
+
+    """
+    return " + ".join(fit.names) or "none"
 
 
 def _is_clean(fit: Fit) -> bool:
