@@ -48,7 +48,7 @@ def build_candidates(arm: Arm, suggested: InitialGuess, uncommanded: Collection[
             ):
                 atoms.append(
                     Candidate(
-                        effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number
+                        arm.effects[effect["name"]], j, names, dict(zip(shapes, chosen, strict=True)), not number
                     )
                 )
                 columns += [
