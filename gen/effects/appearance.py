@@ -120,12 +120,33 @@ class Abscissa(StrEnum):
     TORSION = "torsion"
 
 
+KIND_OF_ABSCISSA = {  # abscissae that one kind of plot has alone; these kinds have no other
+    Abscissa.COMMAND: PlotKind.INPUT,
+    Abscissa.COMMAND_RATE: PlotKind.INPUT,
+    Abscissa.TORSION: PlotKind.TORSION,
+}
+
+
 @dataclass(frozen=True)
 class Plot:
     """The plot that fits an effect: its kind, and the quantity on its abscissa."""
 
     kind: PlotKind
     abscissa: Abscissa
+
+    def __post_init__(self) -> None:
+        """Refuse an abscissa that only another kind of plot has.
+
+        Raises:
+            ValueError: The abscissa does not go with the kind.
+
+        """
+        kind_alone = KIND_OF_ABSCISSA.get(self.abscissa)
+        if kind_alone is not self.kind and (kind_alone or self.kind in KIND_OF_ABSCISSA.values()):
+            raise ValueError(
+                f"plot: found {self.kind} over {self.abscissa}, which do not go together; possible are input over "
+                "command or command_rate, torsion over torsion, and any other kind over any other abscissa."
+            )
 
 
 class Residual(StrEnum):

@@ -36,10 +36,10 @@ class StableStep:
         damping_indices: Index in p of each spring's damping.
         inverse_inertia: 1/M + 1/(N² J) of each spring, the largest over poses, 1/(kg m²).
         nominal_decay: The fastest decay with the robot file's own damping, 1/s.
-        added_springs: For each spring that the file does not have: its number among the springs, and the indices in p of its
-            C and d.
-        stiff_walls: For each wall: the index in p of its stiffness, the stiffness from which it is a stiff wall, N m/rad,
-            and the looseness and the stiffness at full torque of its joint's spring.
+        added_springs: For each spring that the file does not have: its number among the springs, and the indices in p
+            of its C and d.
+        stiff_walls: For each wall: the index in p of its stiffness, the stiffness from which it is a stiff wall,
+            N m/rad, and the looseness and the stiffness at full torque of its joint's spring.
 
     """
 

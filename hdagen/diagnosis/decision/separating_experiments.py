@@ -37,9 +37,7 @@ def suggest_experiments(effects: EffectCatalogue, name: str, confounded: Iterabl
     return " ".join(f"Against {', '.join(others)}: {experiment}" for experiment, others in against.items())
 
 
-def _find_experiment(
-    effects: EffectCatalogue, effect: str, joint: str, other: str, other_joint: str
-) -> str | None:
+def _find_experiment(effects: EffectCatalogue, effect: str, joint: str, other: str, other_joint: str) -> str | None:
     """The experiment that separates two effects which look alike; None where no group has both."""
     if effect == other and joint != other_joint:
         return SAME_EFFECT_EXPERIMENT

@@ -80,9 +80,7 @@ def _start_spring_fits(
     """Start the fits with springs: the springs alone at each size, and beside the effects found, where the springs
     alone promise less than these have reached. Then the springs alone stay only if they promise a share of that
     gain."""
-    springs = tuple(
-        k for k, atom in enumerate(words.members) if atom.traits.series_spring and atom.has_default_shapes
-    )
+    springs = tuple(k for k, atom in enumerate(words.members) if atom.traits.series_spring and atom.has_default_shapes)
     lead, near = sort_by_evidence(found.fits)[0], found.fits[0].score.posterior.s
     none = next((fit for fit in found.fits if not fit.effects), lead)
     beside = tuple(k for k, atom in enumerate(words.members) if atom.name in lead.names and atom.has_default_shapes)
