@@ -7,7 +7,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -84,6 +84,121 @@ def test_nothing_unsafe_reads_or_runs() -> None:
             if called in ("eval", "exec", "compile", "__import__") or starts or shell:
                 found.append((name(path), called))
     assert found == []
+
+
+# -- floors -----------------------------------------------------------------------------------------------------------
+
+FLOORS = (  # from the roof to the ground: a file imports from folders that stand further down, or from its own
+    "gen",
+    "gen/builder",
+    "gen/mpc",
+    "gen/c_code",
+    "gen/model",
+    "gen/robot",
+    "gen/effects",
+    "gen/presets",
+    "hdagen",
+    "hdagen/cli",
+    "hdagen/bench",
+    "hdagen/blind",
+    "hdagen/blind/realities",
+    "hdagen/demo",
+    "hdagen/fleet",
+    "hdagen/paper",
+    "hdagen/paper/figures",
+    "hdagen/paper/prototype",
+    "hdagen/mpc/benchmark",
+    "hdagen/mpc",
+    "hdagen/excitation",
+    "hdagen/diagnosis",
+    "hdagen/diagnosis/report",
+    "hdagen/diagnosis/holdout",
+    "hdagen/diagnosis/decision",
+    "hdagen/diagnosis/search",
+    "hdagen/diagnosis/initialization",
+    "hdagen/diagnosis/inference",
+    "hdagen/diagnosis/residuals",
+    "hdagen/diagnosis/data",
+    "hdagen/prediction",
+    "hdagen/data_quality",
+    "hdagen/adoption",
+    "hdagen/simulation",
+    "hdagen/control",
+    "hdagen/arm",
+    "hdagen/log",
+    "hdagen/pages",
+    "hdagen/support",
+    "hdagen/data",
+)
+TWICE = {"ownership"}  # one file, byte for byte, in both halves
+
+
+def module(dotted: str) -> Path | None:
+    """The file of a module of the project, by its dotted name."""
+    base = ROOT.joinpath(*dotted.split("."))
+    return next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
+
+
+def imported_files(path: Path) -> Iterator[Path]:
+    """The project's files that a file imports, inside functions and for annotations (TYPE_CHECKING) as well."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found = [module(alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f"{name(path)}:{node.lineno}: a relative import; name the module whole"
+            found = [module(f"{node.module}.{a.name}") or module(str(node.module)) for a in node.names]
+        else:
+            continue
+        yield from (target for target in found if target and target != path)
+
+
+ARROWS = {path: set(imported_files(path)) for path in MODULES}
+
+
+def circle(arrows: Mapping[Path, set[Path]]) -> list[Path]:
+    """What cannot be put in an order in which every arrow leads back: the circles, and what stands on them."""
+    left = {path: set(targets) for path, targets in arrows.items()}
+    while free := {path for path, targets in left.items() if not targets & left.keys()}:
+        left = {path: targets for path, targets in left.items() if path not in free}
+    while loose := left.keys() - set().union(*left.values()):  # nothing of the rest imports it
+        left = {path: targets for path, targets in left.items() if path not in loose}
+    return sorted(left)
+
+
+def test_no_circle_between_files() -> None:
+    assert [name(path) for path in circle(ARROWS)] == []
+
+
+def test_folders_form_floors() -> None:
+    """Every folder has its floor, and no arrow leads up."""
+    assert {name(path.parent) for path in MODULES} == set(FLOORS)
+    floor = {folder: -height for height, folder in enumerate(FLOORS)}
+    up = [
+        f"{name(path)} imports {name(target)}"
+        for path, targets in ARROWS.items()
+        for target in targets
+        if path.parent != target.parent and floor[name(target.parent)] > floor[name(path.parent)]
+    ]
+    assert sorted(up) == []
+
+
+def test_no_file_name_has_two_meanings() -> None:
+    places: dict[str, list[str]] = {}
+    for path in MODULES:
+        if path.stem not in ("__init__", "__main__"):
+            places.setdefault(path.stem, []).append(name(path))
+    assert {stem: found for stem, found in places.items() if len(found) > 1 and stem not in TWICE} == {}
+
+
+def test_the_top_of_hdagen_is_its_face() -> None:
+    assert [path.name for path in sorted((ROOT / "hdagen").glob("*.py"))] == ["__init__.py", "__main__.py"]
+
+
+def test_names_of_test_files_stand_once() -> None:
+    """Tests have no __init__.py, so that pytest knows a file by its base name alone."""
+    names = [path.name for path in (ROOT / "tests").rglob("*.py")]
+    assert sorted(found for found in set(names) if names.count(found) > 1) == []
+    assert not list((ROOT / "tests").rglob("__init__.py"))
 
 
 # -- imports do nothing -----------------------------------------------------------------------------------------------
