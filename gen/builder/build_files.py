@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from gen.builder.effect_catalogue import describe_catalogue
+from gen.builder.effect_description import describe_catalogue
 from gen.c_code import headers, vectorized_closed_loop, vectorized_dynamics
 from gen.c_code.emitter import emit_preparation, scalar_function
 from gen.effects.effect import Effect

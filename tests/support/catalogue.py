@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from gen.builder.effect_catalogue import describe_catalogue
+from gen.builder.effect_description import describe_catalogue
 from hdagen.arm.effect_catalogue import EffectCatalogue
 
 EFFECTS = EffectCatalogue(json.loads(json.dumps(describe_catalogue())))
