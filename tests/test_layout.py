@@ -55,7 +55,7 @@ def test_there_is_something_to_look_at() -> None:
         "hdagen/arm/compiled_arm.py",
     } <= found
     assert "casadi" in tops(ROOT / "gen" / "model" / "arm_model.py")
-    assert "gen.effects.payload" in set(imported(ROOT / "gen" / "effects" / "__init__.py"))
+    assert "gen.effects.effect" in set(imported(ROOT / "gen" / "effects" / "payload.py"))
 
 
 @pytest.mark.parametrize("package, forbidden", [("hdagen", {"gen", *SYMBOLS}), ("gen", {"hdagen", *LOGS})])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.arm.arrays import Array
+from hdagen.arm.effect_catalogue import Plot
 from hdagen.diagnosis.residuals.effect_agreement import measure_agreement
 from hdagen.diagnosis.residuals.localization import list_regressors, time_since_reversal
 from hdagen.diagnosis.residuals.regressor_tests import explain_variance
@@ -31,24 +32,6 @@ MOST_DRAWN_REGRESSORS = 3  # regressors that are drawn where no effect is named
 LOOP_SECONDS = 10.0  # s, of torque over torsion: more loops hide each other
 LARGEST_DRAWN_FREQUENCY = 0.1  # of the sampling rate, up to which a response is drawn
 FULL_TURN = 2 * np.pi
-
-SPEED_EFFECTS = (
-    "coulomb_friction",
-    "viscous_friction",
-    "stribeck_friction",
-    "asymmetric_friction",
-    "quadratic_friction",
-)
-INPUT_EFFECTS = ("current_saturation", "voltage_sag", "current_loop_lag", "command_delay")
-TORSION_EFFECTS = (
-    "transmission_hysteresis",
-    "stiffness",
-    "backlash",
-    "joint_damping",
-    "missing_compliance",
-    "kinematic_torsion",
-    "transmission_ratio",
-)
 
 
 @dataclass(frozen=True)
@@ -82,24 +65,31 @@ def _measure_travel(sight: ResidualTorque, joint: int) -> Array:
     return np.asarray(np.abs(angle - angle[np.clip(turned, 0, len(angle) - 1)]))
 
 
-INPUT_ABSCISSA = Abscissa("motor input ({input})", lambda sight, j: sight.balance.inputs(sight.after)[:, j - 1])
-RESIDUAL_ABSCISSAE = {  # the abscissa of missing torque or angle, by effect
-    "torque_ripple": Abscissa("motor angle within a turn (rad)", _wrap_motor_angle),
-    "kinematic_error": Abscissa("motor angle within a turn (rad)", _wrap_motor_angle),
-    "torque_constant": INPUT_ABSCISSA,
-    "current_bias": Abscissa("motor speed (rad/s)", _read_column("motor_velocity")),
-    "rotor_coupling": Abscissa("acceleration of joint 1 (rad/s²)", lambda sight, j: _read_acceleration(sight, 1)),
-    "payload": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
-    "link_flexibility": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
-    "base_compliance": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
-    "torque_sensor_gain": Abscissa("load (N m)", _read_load),
-    "sensor_delay": Abscissa("joint speed (rad/s)", _read_column("joint_velocity")),
+def _read_first_acceleration(sight: ResidualTorque, j: int) -> Array:
+    return _read_acceleration(sight, 1)
+
+
+def _read_input(sight: ResidualTorque, j: int) -> Array:
+    return sight.balance.inputs(sight.after)[:, j - 1]
+
+
+def _read_time(sight: ResidualTorque, j: int) -> Array:
+    return sight.motion.time - sight.motion.time[0]
+
+
+ABSCISSAE = {  # by the name that an effect's plot gives
+    "first_joint_acceleration": Abscissa("acceleration of joint 1 (rad/s²)", _read_first_acceleration),
+    "joint_acceleration": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
+    "joint_angle": Abscissa("joint angle (rad)", _read_column("joint_position")),
+    "joint_speed": Abscissa("joint speed (rad/s)", _read_column("joint_velocity")),
+    "load": Abscissa("load (N m)", _read_load),
+    "motor_angle": Abscissa("motor angle within a turn (rad)", _wrap_motor_angle),
+    "motor_input": Abscissa("motor input ({input})", _read_input),
+    "motor_speed": Abscissa("motor speed (rad/s)", _read_column("motor_velocity")),
+    "motor_travel": Abscissa("motor angle since the last reversal (rad)", _measure_travel),
+    "time": Abscissa("time (s)", _read_time),
 }
-FRICTION_ABSCISSAE = {  # the abscissa of friction against the motion, by effect
-    "load_dependent_friction": Abscissa("load (N m)", _read_load),
-    "position_dependent_friction": Abscissa("joint angle (rad)", _read_column("joint_position")),
-    "thermal_friction": Abscissa("time (s)", lambda sight, j: sight.motion.time - sight.motion.time[0]),
-}
+BASE_FRICTION_KEYS = ("coulomb_friction", "viscous_friction")  # the friction of a motor that a robot file states
 ROBOT_FILE_WORDS = "the robot file's"
 LARGEST_DRAWN_TRAVEL = 2.0  # rad, travel of the motor after a reversal that is drawn
 
@@ -122,18 +112,23 @@ def draw_effect(sight: ResidualTorque, entry: str, place: str) -> list[str]:
         joints = [int(number)]
     if effect in ("unknown", "none"):
         return [_plot_unknown(sight, place, joint) for joint in joints]
-    if effect in INPUT_EFFECTS:
-        return [figure for joint in joints for figure in _plot_input(sight, entry, joint)]
-    if effect in (*SPEED_EFFECTS, "presliding_friction"):
-        return [_plot_friction(sight, entry, joint) for joint in joints]
-    if effect in FRICTION_ABSCISSAE:
-        return [_plot_friction_dependence(sight, entry, joint) for joint in joints]
-    if effect in TORSION_EFFECTS and sight.motion.has_both_sides:
-        return [_plot_torsion_loop(sight, entry, joint) for joint in joints]
-    if effect in TORSION_EFFECTS:
-        return [_plot_response(sight, entry, joint) for joint in joints]
-    over = RESIDUAL_ABSCISSAE.get(effect, Abscissa("joint angle (rad)", _read_column("joint_position")))
-    return [_plot_residual(sight, entry, place, over, joints)]
+    plot = sight.motion.arm.effects[effect].plot
+    if plot.kind == "residual":
+        return [_plot_residual(sight, entry, place, ABSCISSAE[plot.abscissa], joints)]
+    return [figure for joint in joints for figure in _plot_joint(sight, entry, plot, joint)]
+
+
+def _plot_joint(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> list[str]:
+    """The figures of an effect at one joint, by the kind that its plot gives."""
+    if plot.kind == "input":
+        return _plot_input(sight, entry, plot, joint)
+    if plot.kind == "friction":
+        return [_plot_friction(sight, entry, plot, joint)]
+    if plot.kind == "friction_beyond_base":
+        return [_plot_friction_dependence(sight, entry, ABSCISSAE[plot.abscissa], joint)]
+    if sight.motion.has_both_sides:
+        return [_plot_torsion_loop(sight, entry, joint)]
+    return [_plot_response(sight, entry, joint)]
 
 
 def _plot_residual(sight: ResidualTorque, entry: str, place: str, over: Abscissa, joints: Sequence[int]) -> str:
@@ -210,22 +205,20 @@ def average_in_bins(x: Array, y: Array, split: bool = False) -> tuple[Array, Arr
     return middle, mean
 
 
-def _plot_friction(sight: ResidualTorque, entry: str, joint: int) -> str:
+def _plot_friction(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> str:
     """All friction of a motor over speed, or over the travel since a reversal."""
-    effect, j, ok = entry.partition("@")[0], joint - 1, sight.motion.valid & sight.motion.is_sliding(joint)
-    bare, by_speed = sight.parameters_without(entry), effect in SPEED_EFFECTS
+    over, j, ok = ABSCISSAE[plot.abscissa], joint - 1, sight.motion.valid & sight.motion.is_sliding(joint)
+    bare, by_speed = sight.parameters_without(entry), plot.abscissa == "motor_speed"
     names = list(sight.motion.arm.parameters.described)
-    for name in ("coulomb_friction", "viscous_friction"):
+    for name in BASE_FRICTION_KEYS:
         bare[names.index(f"{name}_{joint}")] = 0.0
     fit = -sight.balance.effect_torque(sight.after, bare).motor[ok, j]
     left = -sight.balance.residual(sight.after).motor[ok, j]
     robot = fit + sight.balance.effect_torque(sight.after, _restore_file_friction(sight, bare, joint)).motor[ok, j]
-    if by_speed:
-        label, y_label = "motor speed (rad/s)", "friction torque (N m)"
-        x, side = sight.motion.read_state("motor_velocity", joint)[ok], np.ones(len(fit))
-    else:
-        label, y_label = "motor angle since the last reversal (rad)", "friction against the motion (N m)"
-        x, side = _measure_travel(sight, joint)[ok], sight.motion.direction[ok, j]
+    x, side, y_label = over.values(sight, joint)[ok], np.ones(len(fit)), "friction torque (N m)"
+    if not by_speed:
+        side, y_label = sight.motion.direction[ok, j], "friction against the motion (N m)"
+    if plot.abscissa == "motor_travel":
         near = x <= LARGEST_DRAWN_TRAVEL
         x, side, fit, left, robot = x[near], side[near], fit[near], left[near], robot[near]
     curves = _draw_points_and_fit(x, (fit + left) * side, fit * side, by_speed)
@@ -233,7 +226,7 @@ def _plot_friction(sight: ResidualTorque, entry: str, joint: int) -> str:
     return draw_planes(
         _write_title(entry),
         [Plane(curves, f"motor {joint}")],
-        x_label=label,
+        x_label=over.label,
         y_label=y_label,
         equal=False,
         caption=(
@@ -245,13 +238,9 @@ def _plot_friction(sight: ResidualTorque, entry: str, joint: int) -> str:
     )
 
 
-def _plot_friction_dependence(sight: ResidualTorque, entry: str, joint: int) -> str:
+def _plot_friction_dependence(sight: ResidualTorque, entry: str, over: Abscissa, joint: int) -> str:
     """Friction beyond Coulomb's and the viscous one, over the quantity that the effect depends on."""
-    over, j, ok = (
-        FRICTION_ABSCISSAE[entry.partition("@")[0]],
-        joint - 1,
-        sight.motion.valid & sight.motion.is_sliding(joint),
-    )
+    j, ok = joint - 1, sight.motion.valid & sight.motion.is_sliding(joint)
     side = sight.motion.direction[ok, j]
     fit = -sight.balance.effect_torque(sight.after, sight.parameters_without(entry)).motor[ok, j] * side
     left = -sight.balance.residual(sight.after).motor[ok, j] * side
@@ -269,7 +258,7 @@ def _plot_friction_dependence(sight: ResidualTorque, entry: str, joint: int) -> 
 def _restore_file_friction(sight: ResidualTorque, bare: Array, joint: int) -> Array:
     """``bare`` with Coulomb and viscous friction as in the robot file."""
     p, names = bare.copy(), list(sight.motion.arm.parameters.described)
-    for name in ("coulomb_friction", "viscous_friction"):
+    for name in BASE_FRICTION_KEYS:
         place = names.index(f"{name}_{joint}")
         p[place] = sight.before[place]
     return p
@@ -333,10 +322,10 @@ def _plot_response(sight: ResidualTorque, entry: str, joint: int) -> str:
     )
 
 
-def _plot_input(sight: ResidualTorque, entry: str, joint: int) -> list[str]:
+def _plot_input(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> list[str]:
     """Current or torque over time, where the effect changes most, and over its command."""
     if not sight.motion.has_measured_input(joint):
-        return [_plot_residual(sight, entry, "motor", Abscissa("motor input", INPUT_ABSCISSA.values), [joint])]
+        return [_plot_residual(sight, entry, "motor", Abscissa("motor input", _read_input), [joint])]
     shown = [sight.balance.simulate_inputs(p)[1][:, joint - 1] for p in (sight.before, sight.after)]
     name, log = sight.motion.arm.input_names[joint - 1], sight.motion.log
     word, unit = sight.motion.input_word(joint), sight.motion.input_unit(joint)
@@ -358,7 +347,7 @@ def _plot_input(sight: ResidualTorque, entry: str, joint: int) -> list[str]:
     )
     x, before, after = command, np.zeros(len(command)), shown[1]
     x_label, y_label, hint = f"command ({unit})", f"{word} ({unit})", ""
-    if entry.startswith(("command_delay", "current_loop_lag")):
+    if plot.abscissa == "command_rate":
         x, before = np.gradient(command, log.time), shown[0]
         x_label, y_label = f"rate of the command ({unit}/s)", f"measured less undelayed {word} ({unit})"
         hint = "The slope is the delay, s, with its sign reversed. "

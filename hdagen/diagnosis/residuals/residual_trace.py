@@ -42,7 +42,9 @@ def trace_residual(sight: ResidualTorque, place: str, joint: int, entry: str) ->
     j, less, ok = joint - 1, sight.parameters_without(entry), sight.motion.valid
     if place == "input" and sight.motion.has_measured_input(joint):
         return _trace_input(sight, joint, less)
-    if entry.startswith("torque_sensor") and f"joint_torque_{joint}" in sight.motion.log:
+    traits = sight.motion.arm.effects.get(entry.partition("@")[0])  # none of what is unknown
+    kind = traits.residual if traits else "at_place"
+    if kind == "torque_reading" and f"joint_torque_{joint}" in sight.motion.log:
         read = sight.motion.smooth(sight.motion.on_grid(sight.motion.log[f"joint_torque_{joint}"])[:, None])[ok, 0]
         first, last, none = (sight.balance.sensed_torque(p)[ok, j] for p in (sight.before, sight.after, less))
         return ResidualTrace(
@@ -63,7 +65,7 @@ def trace_residual(sight: ResidualTorque, place: str, joint: int, entry: str) ->
         words = f"angle that the encoder of joint {joint} reads too much"
         left = after.link[ok, j] / slope
         return ResidualTrace(words, "rad", before.link[ok, j] / slope, left, read, ok)
-    if entry.startswith("kinematic_error"):
+    if kind == "gear_angle":
         slope = sight.balance.spring_stiffness(sight.after)[ok, j]
         words = f"angle missing in the transmission of joint {joint}"
         first, last, more = (side[ok, j] / slope for side in (before.link, after.link, added.link))

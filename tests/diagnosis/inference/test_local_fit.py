@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 
 from hdagen.diagnosis.inference import fit_steps
 from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
@@ -276,12 +277,12 @@ def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_t
 def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:
     """Dry friction makes a small tilt no small matter; of a sine and a cosine of a known order a slope says all."""
     names = ["tilt_x", "tilt_y", "ripple_sine_1", "ripple_cosine_1", "ripple_order_1"]
-    q = SimpleNamespace(low=-10.0, high=10.0)
-    parameters = SimpleNamespace(described=dict.fromkeys(names, q), clip_to_bounds=np.array, place=names.index)
+    described = {name: SimpleNamespace(low=-10.0, high=10.0, is_motor_order="order" in name) for name in names}
+    parameters = SimpleNamespace(described=described, clip_to_bounds=np.array, place=names.index)
     arm = SimpleNamespace(parameters=parameters)
     atoms = (
-        Candidate("gravity_tilt", 0, "link", ("tilt_x", "tilt_y"), {}, True),
-        Candidate("torque_ripple", 1, "motor", ("ripple_sine_1", "ripple_cosine_1"), {"ripple_order_1": 2.0}, True),
+        Candidate(EFFECTS["gravity_tilt"], 0, ("tilt_x", "tilt_y"), {}, True),
+        Candidate(EFFECTS["torque_ripple"], 1, ("ripple_sine_1", "ripple_cosine_1"), {"ripple_order_1": 2.0}, True),
     )
     columns = tuple(Column(name, k, 0.0, 1.0, 0.05, k // 2, False) for k, name in enumerate(names[:4]))
     words = CandidateSet(atoms, columns)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
@@ -92,8 +93,8 @@ def test_a_set_begins_anew_from_the_robot_files_numbers_with_its_own_effects(mon
     names = ["mass_1", "payload_mass_2", "contact_stiffness_above_1", "contact_above_1"]
     arm = SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(names)))
     atoms = (
-        Candidate("payload", 2, "link", ("payload_mass_2",), {}, True),
-        Candidate("contact", 1, "link", ("contact_stiffness_above_1",), {"contact_above_1": 1.0}, True),
+        Candidate(EFFECTS["payload"], 2, ("payload_mass_2",), {}, True),
+        Candidate(EFFECTS["contact"], 1, ("contact_stiffness_above_1",), {"contact_above_1": 1.0}, True),
     )
     bent = SimpleNamespace(p=np.array([9.0, 0.5, 70.0, 0.8]))
     shooting = SimpleNamespace(arm=arm, measured_initial_states=lambda p: p[:1])
