@@ -76,7 +76,9 @@ def find_column_problems(source: str, raw: Table, mapped: MappedColumns, joints:
 def find_time_problems(
     source: str, raw: Table, mapped: MappedColumns, time: np.ndarray, stated: ColumnSource | None
 ) -> list[str]:
-    """Find the reasons why time is not finite, not increasing or not in s; a unit that columns.toml declares is believed.
+    """Find the reasons why time is not finite, not increasing or not in s.
+
+    A unit that columns.toml declares is believed.
 
     Args:
         source: The log's origin, for sentences.

@@ -116,12 +116,14 @@ class Log:
         return replace(self, time=self.time[rows], columns=part, stamps=stamps)
 
 
-def read(path: Path | str, columns: Path | str | None = None, joints: int | None = None, holes: bool = False) -> Log:
+def read(
+    path: Path | str, columns: Path | str | ColumnMap | None = None, joints: int | None = None, holes: bool = False
+) -> Log:
     """Read a log, through a columns.toml where its names, units or signs are foreign.
 
     Args:
         path: The log, .csv, .tsv, .txt, .parquet or .mat.
-        columns: The columns.toml, if any.
+        columns: The columns.toml, or the map of columns that it states, if any.
         joints: The robot's number of joints, which the log must have; None: any number.
         holes: Whether missing values stay NaN, for `hdagen.data_quality.log_repair`; else they are refused.
 
@@ -133,9 +135,9 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
         ColumnsError: The columns.toml is at fault.
 
     """
-    mapping = ColumnMap({})
-    if columns is not None:
-        mapping = column_map_file.read_column_map(columns)
+    mapping = columns or ColumnMap({})
+    if not isinstance(mapping, ColumnMap):
+        mapping = column_map_file.read_column_map(mapping)
     return build_log(_read_table(Path(path), mapping), str(Path(path)), mapping, joints, holes)
 
 
