@@ -137,7 +137,7 @@ def test_a_fleet_is_told_of_every_result(tmp_path: Path) -> None:
 # -- decisions --------------------------------------------------------------------------------------------------------
 
 ATOMS = [SimpleNamespace(name=FRICTION, place="motor"), SimpleNamespace(name=BIAS, place="sensor")]
-FIT: Any = SimpleNamespace(design=SimpleNamespace(words=SimpleNamespace(atoms=ATOMS)))
+FIT: Any = SimpleNamespace(sensitivities=SimpleNamespace(candidates=SimpleNamespace(members=ATOMS)))
 NAMES = ((FRICTION,), (BIAS,), (BIAS, FRICTION))
 
 
