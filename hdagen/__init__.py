@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from hdagen.control.reference_motion import Reference, circle
     from hdagen.diagnosis.diagnosis import Diagnosis
     from hdagen.diagnosis.report.diagnosis_summary import SavedDiagnosis, read_diagnosis
+    from hdagen.diagnosis.stages.stage import Stage
     from hdagen.excitation.optimal_motion import Excitation
     from hdagen.log.column_map import ColumnsError
     from hdagen.log.data_table import LogError
@@ -61,6 +62,7 @@ __all__ = [
     "SavedDiagnosis",
     "Sensors",
     "Simulation",
+    "Stage",
     "StepJacobians",
     "adopt",
     "check",
@@ -91,6 +93,7 @@ _HOMES = {
     "control.reference_motion": ("Reference", "circle"),
     "diagnosis.diagnosis": ("Diagnosis",),
     "diagnosis.report.diagnosis_summary": ("SavedDiagnosis", "read_diagnosis"),
+    "diagnosis.stages.stage": ("Stage",),
     "excitation.optimal_motion": ("Excitation",),
     "log.column_map": ("ColumnsError",),
     "log.data_table": ("LogError",),

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Diagnose a log
 #
-# A machine logs its motion, and the model of its robot file does not quite predict it. Which physical effect does the
-# model lack? Here the machine is simulated, so that the answer is known; with a machine of your own, start at step 3.
-# Everything is written into a temporary folder.
+# A machine logs its motion, and the model of its robot file does not quite predict it. Which physical effect does
+# the model lack? Here the machine is simulated, so that the answer is known; with a machine of your own, start at
+# step 3. Everything is written into a temporary folder.
 
 # %%
 import tempfile
@@ -54,8 +54,8 @@ robot = hdagen.load_robot(robot_file)
 # %% [markdown]
 # ## 2. A machine with something else in it
 #
-# The machine is the same model with a torque ripple of 3 mN m, six times a turn of the motor, of which the robot file
-# knows nothing. A controller drives it, and its sensors write the log.
+# The machine is the same model with a torque ripple of 3 mN m, six times a turn of the motor, of which the robot
+# file knows nothing. A controller drives it, and its sensors write the log.
 
 # %%
 machine = hdagen.load_robot(robot_file, effects=("torque_ripple",))
@@ -91,7 +91,8 @@ assert found.is_usable
 # %% [markdown]
 # ## 4. How far does the model miss it?
 #
-# A replay simulates the log again in windows of 0.25 s, from its commands. Errors are counted in multiples of the noise.
+# A replay simulates the log again in windows of 0.25 s, from its commands. Its errors count in multiples of the
+# noise.
 
 # %%
 before = hdagen.replay(robot, log_file)
@@ -100,8 +101,8 @@ print(f"gap before: {before.gap:.3g} times the noise")
 # %% [markdown]
 # ## 5. The diagnosis
 #
-# Every effect is tried on every joint, together with the base parameters within their tolerance. A fifth of the log is
-# kept from the fit and measures the gap.
+# Every effect is tried on every joint, together with the base parameters within their tolerance. A fifth of the log
+# is kept from the fit and measures the gap.
 
 # %%
 diagnosis = hdagen.diagnose(robot, log_file)
@@ -117,8 +118,8 @@ print(diagnosis.parameters())
 # %% [markdown]
 # ## 6. Take the result home
 #
-# `save` writes diagnosis.json and report.html. `adopt` writes the robot file with the verdict in it. Replayed with the
-# verdict, the model predicts the log.
+# `save` writes diagnosis.json and report.html. `adopt` writes the robot file with the verdict in it. Replayed with
+# the verdict, the model predicts the log.
 
 # %%
 diagnosis.save(here / "diagnosis")

@@ -63,9 +63,9 @@ def build_parameter_table(content: Mapping[str, Any]) -> ResultTable:
 def _describe_hypothesis(rank: int, hypothesis: Mapping[str, Any], content: Mapping[str, Any]) -> dict[str, TableCell]:
     """One row of the table of hypotheses."""
     effects: list[str] = hypothesis["effects"]
-    gap, (low, high) = _find_gap(effects, content["ladder"])
-    doubted, contradicted = content["doubted"] or {}, content["contradicted"] or {}
-    refuted = [one["verdict"] for one in (doubted, contradicted) if one]
+    gap, (low, high) = _find_gap(effects, content["ranking"])
+    doubts, contradicted = content["doubts"] or {}, content["contradicted"] or {}
+    refuted = [one["verdict"] for one in (doubts, contradicted) if one]
     return {
         "rank": rank,
         "hypothesis": " + ".join(effects) or NO_EFFECT,
@@ -78,7 +78,7 @@ def _describe_hypothesis(rank: int, hypothesis: Mapping[str, Any], content: Mapp
         "unconfirmed": any(set(effects) == set(one) for one in refuted),
         "confounded_with": _join_names(_list_confounded(effects, content)),
         "not_needed": _join_names(name for name in effects if name in _list_small(content)),
-        "not_shown": _join_names(name for name in effects if name in content["unseen"]),
+        "not_shown": _join_names(name for name in effects if name in content["undetectable"]),
         "at_end": _join_names(_list_parameters_at_end(effects, content)),
     }
 
