@@ -1,4 +1,4 @@
-"""The functions at the top of `hdagen`: what they take, what they give, and that asking for none of them loads nothing."""
+"""The functions at the top of `hdagen`: their arguments and results, and that importing them loads nothing heavy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import arms
 import numpy as np
 import pytest
 from compiled import Compiled
@@ -164,7 +163,3 @@ def test_adopt_takes_a_file_its_content_and_a_diagnosis(robot: Path, tmp_path: P
         "diagnosis.json",
         "robot.toml",
     ]
-
-
-def test_the_robot_of_the_tests_is_one_of_the_arms() -> None:
-    assert FLEXIBLE.startswith(arms.arm("RR")[:20])
