@@ -13,7 +13,7 @@ from typing import Any
 
 from gen.effects import ALL
 from gen.effects.effect import Effect
-from gen.robot.consistency_checks import DATA_SHEET_KEYS
+from gen.robot.gear_catalogue import DATA_SHEET_KEYS
 from gen.robot.schema import MAX_JOINTS, Key, KeyNeed, Range, ValueKind, describe_range, keys_of
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

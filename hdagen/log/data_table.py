@@ -322,6 +322,22 @@ def write_table(table: Mapping[str, np.ndarray], path: Path | str) -> None:
         ) from None
 
 
+def stream_columns(columns: Mapping[str, Any], requested_schema: object) -> object:
+    """Give columns out by Arrow's C interface.
+
+    Args:
+        columns: (T,) each, by name.
+        requested_schema: The schema that the receiver asks for, if any.
+
+    Returns:
+        The capsule of a stream.
+
+    """
+    import pyarrow as pa
+
+    return pa.table(dict(columns)).__arrow_c_stream__(requested_schema)
+
+
 def _write_arrow_table(arrow: Any, suffix: str, file: BinaryIO) -> None:
     if suffix == ".parquet":
         import pyarrow.parquet as pq

@@ -78,6 +78,12 @@ class Log:
     def __len__(self) -> int:
         return len(self.time)
 
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Time as logged and all columns by Arrow's C interface, as `pyarrow.table` and `polars.DataFrame` ask for
+        it."""
+        columns = {"time": self.logged_time, **self.columns}
+        return data_table.stream_columns(columns, requested_schema)
+
     @property
     def period(self) -> float:
         """Median time between rows, s."""

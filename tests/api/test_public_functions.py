@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from compiled import Compiled
 from replayed import FLEXIBLE, diagnosis
@@ -137,6 +138,7 @@ def test_a_log_of_another_robot_is_not(arm: Arm, good: Log) -> None:
 def test_a_replay_is_that_of_the_repaired_log(arm: Arm, good: Log) -> None:
     found, plain = hdagen.replay(arm, good), replay_windows(arm, good)
     assert found.gap == plain.gap and all(np.array_equal(found.columns[n], plain.columns[n]) for n in plain.columns)
+    assert pa.table(found).column_names == list(plain.columns)
 
 
 def test_a_replay_takes_a_diagnosis(robot: Path, good: Log) -> None:

@@ -98,9 +98,10 @@ def test_foreign_names_and_units_are_mapped_by_tables_or_a_file(tmp_path: Path) 
     assert same(hdagen.read_log(pa.table(foreign), columns=file), log)
 
 
-def test_a_log_is_returned_as_it_is() -> None:
+def test_a_log_is_returned_as_it_is_and_goes_into_arrow() -> None:
     log = hdagen.read_log(COLUMNS)
     assert hdagen.read_log(log) is log
+    assert same(hdagen.read_log(pa.table(log)), log)
 
 
 def test_missing_values_and_time_stamps() -> None:
