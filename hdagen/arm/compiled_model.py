@@ -48,6 +48,8 @@ class CompiledModel:
     parameters.
     """
 
+    source: str | Path | None = None  # the preset or robot.toml that it was loaded from; None: the folder of a build
+
     def __init__(self, folder: str | Path) -> None:
         self.folder = folder = Path(folder)
         self.manifest, self.module = open_build(folder)

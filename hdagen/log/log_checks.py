@@ -1,9 +1,8 @@
-"""Checks of a log's columns, times and values: each problem is a sentence that names its place and the cure."""
+"""What a log must hold: time that increases, an input and a position of each joint, and values of a possible size."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
@@ -21,143 +20,142 @@ _LARGEST_STAMP = 1e20  # s; stamps of any unit are nearer to the beginning of an
 
 
 def count_joints(columns: Mapping[str, np.ndarray]) -> int:
-    """Count the joints that columns belong to.
+    """Count the joints that columns name.
 
     Args:
-        columns: Columns by name.
+        columns: (T,) each, by name.
 
     Returns:
-        The largest number of a joint, 0 without any.
+        The largest number of a joint; 0 where no column is of a joint.
 
     """
     return max((split[1] for name in columns if (split := split_column_name(name))), default=0)
 
 
-def check_columns(path: Path, raw: Table, mapped: MappedColumns, joints: int | None) -> list[str]:
-    """Check the columns that a log needs: time, and for each joint one current or torque and one position.
+def find_column_problems(source: str, raw: Table, mapped: MappedColumns, joints: int | None) -> list[str]:
+    """Find the columns that a log lacks: time, and for each joint one current or torque and one position.
 
     Args:
-        path: The file, for the sentences.
-        raw: The table as it stands in the file.
-        mapped: Its columns by their names here, SI.
-        joints: The number of joints that the log must have; None: any number.
+        source: The log's origin, for sentences.
+        raw: The table as it was read.
+        mapped: Its columns under the names of a log.
+        joints: The robot's number of joints; None: any number.
 
     Returns:
-        A sentence on each problem.
+        One sentence for each problem.
 
     """
     problems, lacking = [], list[str]()
     if mapped.time is None:
-        problems.append(f"{path}: there is no column time: name it so, or say in columns.toml [time] from = which.")
+        problems.append(f"{source}: there is no column time: name it so, or say in columns.toml [time] from = which.")
         lacking.append("time")
     found = count_joints(mapped.columns)
     if joints is not None and found > joints:
         problems.append(
-            f"{path}: the log has columns of {found} joints, the robot has {joints}: use the robot's own log, or a "
+            f"{source}: the log has columns of {found} joints, the robot has {joints}: use the robot's own log, or a "
             "columns.toml that takes the joints wanted and ignores the others."
         )
     wanted = found if joints is None else joints
     if wanted == 0:
-        problems.append(f"{path}: no column of any joint was found: map them with a columns.toml.")
+        problems.append(f"{source}: no column of any joint was found: map them with a columns.toml.")
         lacking += [f"{base}_1" for base in (*_INPUT_CHANNELS, *POSITION_CHANNELS)]
     for joint in range(1, wanted + 1):
         for what, bases in (("current or torque", _INPUT_CHANNELS), ("position", POSITION_CHANNELS)):
             names = [f"{base}_{joint}" for base in bases]
             if not any(name in mapped.columns for name in names):
                 problems.append(
-                    f"{path}: joint {joint} has no {what}; one of {', '.join(names)} is needed: log it, or map it with "
-                    "a columns.toml."
+                    f"{source}: joint {joint} has no {what}; one of {', '.join(names)} is needed: log it, or map it "
+                    "with a columns.toml."
                 )
                 lacking += names
     if lacking:
-        problems.append(f"{path}: the file has {join_nearest_names(lacking, raw.names, 40)}.")
+        problems.append(f"{source}: the file has {join_nearest_names(lacking, raw.names, 40)}.")
     return problems
 
 
-def check_time(
-    path: Path, raw: Table, mapped: MappedColumns, time: np.ndarray, source: ColumnSource | None
+def find_time_problems(
+    source: str, raw: Table, mapped: MappedColumns, time: np.ndarray, stated: ColumnSource | None
 ) -> list[str]:
-    """Check the time: it must be finite, increase, and be in s; a unit that columns.toml declares is believed.
+    """Find the reasons why time is not finite, not increasing or not in s.
+
+    A unit that columns.toml declares is believed.
 
     Args:
-        path: The file, for the sentences.
-        raw: The table as it stands in the file.
-        mapped: Its columns by their names here, SI.
-        time: (T,), the time of the table's rows, s.
-        source: The entry of columns.toml for the time, if any.
+        source: The log's origin, for sentences.
+        raw: The table as it was read.
+        mapped: Its columns under the names of a log.
+        time: (T,), the time as it was logged.
+        stated: The table [time] of columns.toml, if any.
 
     Returns:
-        A sentence on each problem.
+        One sentence for each problem.
 
     """
     if not len(time):
-        return [f"{path}: there are no rows: record again, or copy it again."]
+        return [f"{source}: there are no rows: record again, or copy it again."]
     if mapped.stop - mapped.start < 2:
-        return [f"{path}: {mapped.stop - mapped.start} row(s) only; a log needs at least two, and a motion among them."]
+        return [
+            f"{source}: {mapped.stop - mapped.start} row(s) only; a log needs at least two, and a motion among them."
+        ]
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
         return [
-            f"{path}, {raw.describe_row(int(bad[0]))}: time has no value there, {len(bad)} time(s) in all: delete these"
-            " rows."
+            f"{source}, {raw.describe_row(int(bad[0]))}: time has no value there, {len(bad)} time(s) in all: delete "
+            "these rows."
         ]
     far = np.flatnonzero(np.abs(time) > _LARGEST_STAMP)
     if len(far):
         return [
-            f"{path}, {raw.describe_row(int(far[0]))}: time is {time[far[0]]:.3g} s, {len(far)} value(s) beyond "
+            f"{source}, {raw.describe_row(int(far[0]))}: time is {time[far[0]]:.3g} s, {len(far)} value(s) beyond "
             f"±{_LARGEST_STAMP:g} s in all: memory that was never written? Delete these rows."
         ]
     problems = []
+    declared = stated is not None and bool(stated.unit)
     steps = np.diff(time)
     back, same = np.flatnonzero(steps < 0), np.flatnonzero(steps == 0)
     if len(back):
         k = int(back[0])
         problems.append(
-            f"{path}, {raw.describe_row(k + 1)}: time runs backwards, from {time[k]:.9g} s to {time[k + 1]:.9g} s, "
+            f"{source}, {raw.describe_row(k + 1)}: time runs backwards, from {time[k]:.9g} s to {time[k + 1]:.9g} s, "
             f"{len(back)} time(s) in all: two recordings in one file, or rows out of order? Cut or sort the file."
         )
-    if len(same) and not (source and source.duplicates):
+    if len(same) and not (stated and stated.duplicates):
         k = int(same[0])
         problems.append(
-            f"{path}, {raw.describe_row(k + 1)}: the time stamp repeats the one before ({time[k]:.9g} s), {len(same)}"
+            f"{source}, {raw.describe_row(k + 1)}: the time stamp repeats the one before ({time[k]:.9g} s), {len(same)}"
             " in all: log time with more digits; or, in columns.toml under [time], give the period, where rows are"
             ' even, or keep the first of each with duplicates = "first".'
         )
-    if not (source is not None and source.unit) and not len(back):
-        problems += _check_unit(path, float(np.median(steps)))
-    return problems
-
-
-def _check_unit(path: Path, step: float) -> list[str]:
-    """Check whether a usual step between rows, s, is that of a control loop, or of time in another unit."""
-    if step >= _LONGEST_PERIOD:
+    step = float(np.median(steps))
+    if not declared and not len(back) and step >= _LONGEST_PERIOD:
         unit, word = "ns", "nano"
         if step < 100:
             unit, word = "ms", "milli"
         elif step < 1e5:
             unit, word = "us", "micro"
-        return [
-            f"{path}: time looks like {word}seconds (rows are {step:.6g} apart, and s is expected): set "
+        problems.append(
+            f"{source}: time looks like {word}seconds (rows are {step:.6g} apart, and s is expected): set "
             f'unit = "{unit}" under [time] in columns.toml, or unit = "s" if it is right.'
-        ]
-    if 0 < step < _SHORTEST_PERIOD:
-        return [
-            f"{path}: rows are {step:.3g} s apart, faster than any control loop: "
+        )
+    if not declared and not len(back) and 0 < step < _SHORTEST_PERIOD:
+        problems.append(
+            f"{source}: rows are {step:.3g} s apart, faster than any control loop: "
             "set unit under [time] in columns.toml, or period = the true step in s."
-        ]
-    return []
+        )
+    return problems
 
 
-def check_values(path: Path, raw: Table, mapped: MappedColumns, holes: bool) -> list[str]:
-    """Check the values: every one finite and of a size that an arm can have.
+def find_value_problems(source: str, raw: Table, mapped: MappedColumns, holes: bool) -> list[str]:
+    """Find values that are missing, or larger than those of any arm.
 
     Args:
-        path: The file, for the sentences.
-        raw: The table as it stands in the file.
-        mapped: Its columns by their names here, SI.
+        source: The log's origin, for sentences.
+        raw: The table as it was read.
+        mapped: Its columns under the names of a log.
         holes: Whether values may be missing.
 
     Returns:
-        A sentence on each problem.
+        One sentence for each problem.
 
     """
     problems = []
@@ -165,11 +163,11 @@ def check_values(path: Path, raw: Table, mapped: MappedColumns, holes: bool) -> 
         part = values[mapped.start : mapped.stop]
         bad = np.flatnonzero(~np.isfinite(part)) + mapped.start
         if len(bad) and len(bad) == len(part) and not holes:
-            problems.append(f'{path}: column {name} has no value in any row: leave it out with ignore = ["{name}"].')
+            problems.append(f'{source}: column {name} has no value in any row: leave it out with ignore = ["{name}"].')
         elif len(bad) and not holes:
             longest = int(np.diff(find_true_runs(~np.isfinite(part))).max())
             problems.append(
-                f"{path}, {raw.describe_row(int(bad[0]))}: column {name} has no value in {len(bad)} row(s), up to"
+                f"{source}, {raw.describe_row(int(bad[0]))}: column {name} has no value in {len(bad)} row(s), up to"
                 f" {longest} "
                 f'together: cut them, or fill them with columns.toml [{name}] fill = "linear" ("hold" for a command).'
             )
@@ -177,7 +175,7 @@ def check_values(path: Path, raw: Table, mapped: MappedColumns, holes: bool) -> 
         if len(huge) and np.isfinite(part[huge - mapped.start]).any():
             k = int(huge[np.isfinite(values[huge])][0])
             problems.append(
-                f"{path}, {raw.describe_row(k)}: column {name} is {values[k]:.3g}, {len(huge)} value(s) beyond"
+                f"{source}, {raw.describe_row(k)}: column {name} is {values[k]:.3g}, {len(huge)} value(s) beyond"
                 f" ±{_LARGEST_VALUE:g} in all: memory that was never written? Delete these rows."
             )
     return problems

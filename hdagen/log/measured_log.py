@@ -13,7 +13,13 @@ from hdagen.log import column_map_file, data_table
 from hdagen.log.column_map import ColumnMap, ColumnsError, ColumnSource, MappedColumns, split_column_name
 from hdagen.log.csv_file import read_csv
 from hdagen.log.data_table import LogError, Table
-from hdagen.log.log_checks import POSITION_CHANNELS, check_columns, check_time, check_values, count_joints
+from hdagen.log.log_checks import (
+    POSITION_CHANNELS,
+    count_joints,
+    find_column_problems,
+    find_time_problems,
+    find_value_problems,
+)
 from hdagen.log.mat_file import read_mat
 from hdagen.log.timestamps import judge_clock, spread_repeated_stamps
 from hdagen.support.input_file import InputFileError, check_file
@@ -72,6 +78,12 @@ class Log:
     def __len__(self) -> int:
         return len(self.time)
 
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Time as logged and all columns by Arrow's C interface, as `pyarrow.table` and `polars.DataFrame` ask for
+        it."""
+        columns = {"time": self.logged_time, **self.columns}
+        return data_table.stream_columns(columns, requested_schema)
+
     @property
     def period(self) -> float:
         """Median time between rows, s."""
@@ -110,12 +122,14 @@ class Log:
         return replace(self, time=self.time[rows], columns=part, stamps=stamps)
 
 
-def read(path: Path | str, columns: Path | str | None = None, joints: int | None = None, holes: bool = False) -> Log:
+def read(
+    path: Path | str, columns: Path | str | ColumnMap | None = None, joints: int | None = None, holes: bool = False
+) -> Log:
     """Read a log, through a columns.toml where its names, units or signs are foreign.
 
     Args:
         path: The log, .csv, .tsv, .txt, .parquet or .mat.
-        columns: The columns.toml, if any.
+        columns: The columns.toml, or the map of columns that it states, if any.
         joints: The robot's number of joints, which the log must have; None: any number.
         holes: Whether missing values stay NaN, for `hdagen.data_quality.log_repair`; else they are refused.
 
@@ -127,17 +141,36 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
         ColumnsError: The columns.toml is at fault.
 
     """
-    path, mapping = Path(path), ColumnMap({})
-    if columns is not None:
-        mapping = column_map_file.read_column_map(columns)
-    raw = _read_table(path, mapping)
+    mapping = columns or ColumnMap({})
+    if not isinstance(mapping, ColumnMap):
+        mapping = column_map_file.read_column_map(mapping)
+    return build_log(_read_table(Path(path), mapping), str(Path(path)), mapping, joints, holes)
+
+
+def build_log(raw: Table, source: str, mapping: ColumnMap, joints: int | None = None, holes: bool = False) -> Log:
+    """Build a log from a table: its columns mapped, checked and put on the best clock.
+
+    Args:
+        raw: The table, in the names and units of its origin.
+        source: The origin, for sentences.
+        mapping: The map of its columns.
+        joints: The robot's number of joints, which the log must have; None: any number.
+        holes: Whether missing values stay NaN; else they are refused.
+
+    Returns:
+        The log, in SI.
+
+    Raises:
+        LogError: The table is no log; every problem is listed.
+
+    """
     mapped = mapping.apply(raw)
     logged = mapped.time
     mapped = _spread_coarse_stamps(mapped, mapping.sources.get("time"))
-    problems = check_columns(path, raw, mapped, joints)
+    problems = find_column_problems(source, raw, mapped, joints)
     if mapped.time is not None:
-        problems += check_time(path, raw, mapped, mapped.time, mapping.sources.get("time"))
-    problems += check_values(path, raw, mapped, holes)
+        problems += find_time_problems(source, raw, mapped, mapped.time, mapping.sources.get("time"))
+    problems += find_value_problems(source, raw, mapped, holes)
     if problems or mapped.time is None:
         raise LogError(problems)
     notes: list[str] = []
@@ -157,7 +190,7 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     if logged is not None and logged is not mapped.time:
         stamps = logged[part]
     log = _put_on_better_clock(
-        Log(time, values, count_joints(values), make_printable(path), tuple(mapped.notes), stamps)
+        Log(time, values, count_joints(values), make_printable(source), tuple(mapped.notes), stamps)
     )
     said = (*raw.notes, *log.notes, *notes, *_describe_gaps(log.time, raw, part))
     return replace(log, notes=tuple(make_printable(note) for note in said))
