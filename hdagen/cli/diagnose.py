@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shlex
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -121,10 +120,8 @@ def _make_folder(out: Path) -> Iterator[Path]:
 def _diagnose_machine(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.pipeline import diagnose
     from hdagen.diagnosis.progress import Progress
-    from hdagen.diagnosis.report import report_page
     from hdagen.diagnosis.report.sentences import write_verdict
     from hdagen.log.measured_log import check_log_file, read
-    from hdagen.support.atomic_write import write_atomically
     from hdagen.support.heap_memory import tune_malloc
 
     for path in (*options.logs, *(options.hold_out or ())):
@@ -136,9 +133,7 @@ def _diagnose_machine(options: argparse.Namespace) -> int:
         tune_malloc()
         found = diagnose(options.robot, logs, held, say)
         say("report")
-        text = json.dumps(found.content, indent=1, allow_nan=False) + "\n"
-        write_atomically(out / "diagnosis.json", text.encode())
-        report_page.write_report(found, out / "report.html", _format_commands(options, found.content))
+        found.save(out, options.columns)
     said = write_verdict(found.content)
     if options.json:
         beside = {"sentence": said, "left_out": list(found.failures), "page": str(out / "report.html")}
@@ -149,23 +144,6 @@ def _diagnose_machine(options: argparse.Namespace) -> int:
         print(failure)
     print(out / "report.html")
     return 0
-
-
-def _format_commands(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
-    """The commands that repeat the diagnosis and use it, as a shell takes them."""
-    robot, mapped, held = shlex.quote(str(options.robot)), "", ""
-    if options.columns:
-        mapped = f" --columns {shlex.quote(str(options.columns))}"
-    if options.hold_out:
-        held = f" --hold-out {shlex.join(map(str, options.hold_out))}"
-    motion = shlex.quote(str((options.hold_out or options.logs)[0]))
-    digest = content["robot"]["identity"]
-    return (
-        f"    hdagen diagnose {robot} {shlex.join(map(str, options.logs))}{held}{mapped}\n"
-        f"    hdagen replay {robot} {motion}{mapped} --with diagnosis.json --out predicted.parquet\n"
-        f"    hdagen adopt diagnosis.json {robot} --out robot.new.toml\n\n"
-        f"The robot's identity, of its numbers alone, is {digest}. The same input gives the same diagnosis."
-    )
 
 
 def _diagnose_fleet(options: argparse.Namespace) -> int:

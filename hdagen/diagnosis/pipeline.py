@@ -23,6 +23,7 @@ from hdagen.diagnosis.decision.direct_evidence import find_direct_evidence
 from hdagen.diagnosis.decision.posterior import Decision, score_hypotheses
 from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict
 from hdagen.diagnosis.decision.wrong_robot import refuse_wrong_robot
+from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.holdout.contradicting_holdout import find_contradiction
 from hdagen.diagnosis.holdout.holdout_check import HoldoutJudge, Statement, choose_decision
 from hdagen.diagnosis.holdout.hypothesis_ranking import find_gap_after, rank_hypotheses
@@ -35,7 +36,7 @@ from hdagen.diagnosis.holdout.verdict_withdrawal import leaves_little
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.long_horizon import search_long_horizon
 from hdagen.diagnosis.optional_stages import Attempts
-from hdagen.diagnosis.report.diagnosis_result import Diagnosis
+from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
 from hdagen.diagnosis.report.sentences import say_contradiction
 from hdagen.diagnosis.residuals.controller_impact import compare_controllers
 from hdagen.diagnosis.residuals.localization import localize_gap
@@ -128,7 +129,8 @@ def _run_stages(
     content["data"] = _describe_data(logs, hold_out, motion, attempts.failures) | of_data
     if contradicted:
         content["data"]["warnings"].append(say_contradiction(contradicted))
-    return Diagnosis(found, told.decision, content, motion, told.after, sight, tuple(attempts.failures))
+    result = DiagnosisResult(found, told.decision, content, motion, told.after, sight, tuple(attempts.failures))
+    return Diagnosis(result, robot, tuple(log.source for log in logs), tuple(log.source for log in hold_out))
 
 
 def _make_simulation(portion: LogPortion, seen: WindowedRecord) -> Callable[[Arm], Replay]:

@@ -108,7 +108,7 @@ def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
             notes: list[str] = []
             columns = {}
             for name in wanted:
-                columns[name] = _convert_to_float(name, file.read(columns=[name]).read_state(0), notes)
+                columns[name] = _convert_to_float(name, file.read(columns=[name]).column(0), notes)
     except MemoryError:
         raise LogError([f"{path}: there is not enough memory to read it; {_SMALLER_LOG_ADVICE}."]) from None
     except (pa.ArrowException, OSError, ValueError) as error:
@@ -225,7 +225,7 @@ def _check_footer(path: Path) -> None:
 def _check_unpacked(path: Path, metadata: Any, wanted: set[str]) -> None:
     """Refuse a Parquet file whose columns in use unpack to more than a log may have. Raises LogError."""
     groups = (metadata.row_group(g) for g in range(metadata.num_row_groups))
-    chunks = (group.read_state(i) for group in groups for i in range(group.num_columns))
+    chunks = (group.column(i) for group in groups for i in range(group.num_columns))
     unpacked = sum(max(c.total_uncompressed_size, 0) for c in chunks if c.path_in_schema in wanted)
     if unpacked > _MOST_UNPACKED_BYTES:
         raise LogError(

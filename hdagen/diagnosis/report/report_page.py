@@ -11,7 +11,7 @@ from typing import Any
 from hdagen.adoption.verdict import is_uninformed
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE
-from hdagen.diagnosis.report.diagnosis_result import Diagnosis
+from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
 from hdagen.diagnosis.report.effect_plots import draw_effect
 from hdagen.diagnosis.report.gap_section import list_gap_levels, show_gap
 from hdagen.diagnosis.report.residual_maps import draw_residual_maps
@@ -34,7 +34,7 @@ INFORMATIVE_WIDTH_RATIO = 0.5  # posterior by prior width, up to which the data 
 CORRELATION_SECONDS = 0.25  # s, of the correlations of the residuals
 
 
-def write_report(diagnosis: Diagnosis, path: Path, again: str) -> None:
+def write_report(diagnosis: DiagnosisResult, path: Path, again: str) -> None:
     """Write report.html.
 
     Args:
