@@ -36,10 +36,10 @@ class Parser(argparse.ArgumentParser):
         from hdagen.support.messages import join_names, show_value, suggest_name
 
         names = [str(name) for name in action.choices]
-        meant = suggest_name(str(value), names)
-        raise argparse.ArgumentError(
-            action, f"found {show_value(value)}{meant}, possible are {join_names(names)}; choose of these."
-        )
+        meant, possible = suggest_name(str(value), names), f"possible are {join_names(names)}; choose one of these."
+        if isinstance(action, argparse._SubParsersAction):
+            raise argparse.ArgumentError(None, f"there is no command {show_value(value)}{meant}; {possible}")
+        raise argparse.ArgumentError(action, f"found {show_value(value)}{meant}, {possible}")
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -49,8 +49,8 @@ def build_parser() -> argparse.ArgumentParser:
         description="Robot arms with harmonic drives: a compiled model that simulates, controls and replays logs.",
         epilog=(
             "exit codes: 0 done, 1 a stated bar failed, 2 usage, configuration or no place to write, 3 data unusable,"
-            f" 4 an error that hdagen did not foresee ({TRACEBACK_VARIABLE}=1 shows where), 130 interrupted, 141 nobody"
-            " reads what is printed"
+            f" 4 an error that hdagen did not foresee ({TRACEBACK_VARIABLE}=1 shows where), 5 a condition of `hdagen"
+            " diagnose --fail-above` or `--fail-on` is met, 130 interrupted, 141 nobody reads what is printed"
         ),
     )
     top.add_argument("--version", action="version", version=f"hdagen {__version__}")

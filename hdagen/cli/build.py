@@ -42,9 +42,7 @@ def add_build_options(parser: argparse.ArgumentParser) -> None:
         parser: The parser of a command.
 
     """
-    parser.add_argument(
-        "--profile", choices=("portable", "native"), default="portable", help="how the arm is compiled"
-    )
+    parser.add_argument("--profile", choices=("portable", "native"), default="portable", help="how the arm is compiled")
     parser.add_argument("--effects", default="", metavar="NAMES", help="effects to add, with commas, or all")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder of the builds (default: $HDAGEN_BUILD, ./build or the cache)"

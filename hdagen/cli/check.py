@@ -7,6 +7,8 @@ import json
 import sys
 from typing import Any
 
+from hdagen.cli.build import add_build_options
+
 CHECK_EXAMPLE = """example:
   hdagen check robot.toml
   hdagen check robot.toml --effects all
@@ -22,8 +24,6 @@ def add_parser(commands: Any) -> None:
         commands: The subparsers of `hdagen`.
 
     """
-    from hdagen.cli.build import add_build_options
-
     p = commands.add_parser(
         "check",
         help="validate a robot file and say what a build would contain",

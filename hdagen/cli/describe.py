@@ -9,6 +9,8 @@ import sys
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from hdagen.cli.build import add_build_options, read_effect_names
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -33,8 +35,6 @@ def add_parser(commands: Any) -> None:
         commands: The subparsers of `hdagen`.
 
     """
-    from hdagen.cli.build import add_build_options
-
     p = commands.add_parser(
         "describe",
         help="print joints, drives, effects, parameters and step of a robot",
@@ -62,7 +62,6 @@ def run(options: argparse.Namespace) -> int:
 
     """
     from hdagen.arm.compiled_arm import load
-    from hdagen.cli.build import read_effect_names
 
     arm = load(options.robot, options.profile, read_effect_names(options), options.out)
     parameters = _select_parameters(arm, options.names)
@@ -187,9 +186,7 @@ def _print_parameters(console: Console, parameters: Iterable[Parameter]) -> None
         table.add_column(heading)
     for parameter in parameters:
         numbers = map(_format_number, (parameter.nominal, parameter.low, parameter.high))
-        table.add_row(
-            parameter.name, *numbers, escape(parameter.unit), parameter.role, escape(parameter.meaning)
-        )
+        table.add_row(parameter.name, *numbers, escape(parameter.unit), parameter.role, escape(parameter.meaning))
     console.print(table)
 
 

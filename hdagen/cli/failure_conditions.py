@@ -1,4 +1,4 @@
-"""`hdagen diagnose --fail-above GAP --fail-on EFFECT`: conditions under which a diagnosis ends with a code of its own."""
+"""`hdagen diagnose --fail-above GAP --fail-on EFFECT`: conditions that end a diagnosis with an exit code of their own."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def add_failure_options(parser: argparse.ArgumentParser) -> None:
         "--fail-above",
         type=float,
         metavar="GAP",
-        help=f"exit code {CONDITION_MET} if the gap of the robot file on held-out motion is larger, in multiples of noise",
+        help=f"exit code {CONDITION_MET} if the robot file's gap on held-out motion is larger, in multiples of noise",
     )
     parser.add_argument(
         "--fail-on",
