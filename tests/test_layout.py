@@ -119,6 +119,7 @@ FLOORS = (  # from the roof to the ground: a file imports from folders that stan
     "hdagen/diagnosis/inference",
     "hdagen/diagnosis/residuals",
     "hdagen/diagnosis/data",
+    "hdagen/diagnosis/stages",
     "hdagen/prediction",
     "hdagen/data_quality",
     "hdagen/adoption",

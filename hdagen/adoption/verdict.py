@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from hdagen.adoption.diagnosis_file import is_finite, read_content
+from hdagen.adoption.diagnosis_schema import FIRST_SCHEMA, SCHEMA, upgrade_content
 from hdagen.adoption.robot_identity import compute_robot_identity
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.support.messages import show_path, show_value
 
-SCHEMA = 1
 UNCHANGED_WIDTH_SHARE = 0.9  # posterior by prior width, from which on a log said nothing of a parameter
 LEAST_MOVE = 0.1  # of the prior width, that such a parameter has moved at most
 MOST_TOLERANCES = 3.0  # standard deviations of its tolerance that a base parameter may move
@@ -81,12 +81,13 @@ def read_verdict(given: str | Path | Mapping[str, Any]) -> Verdict:
 
     """
     if isinstance(given, Mapping):
-        source, content = "diagnosis", given
+        source, content = "diagnosis", upgrade_content(given)
     else:
         source, content = show_path(given), read_content(Path(given))
     if type(content.get("schema")) is not int or content["schema"] != SCHEMA:
         found = show_value(content.get("schema"))
-        raise PlantError(f"{source}: schema is {found}, possible is {SCHEMA}: diagnose again with this version.")
+        possible = f"possible are {FIRST_SCHEMA} and {SCHEMA}"
+        raise PlantError(f"{source}: schema is {found}, {possible}: diagnose again with this version.")
     problems: list[str] = []
     causes = _read_causes(content, source, problems)
     stated = content.get("verdict")

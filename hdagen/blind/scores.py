@@ -215,7 +215,7 @@ def _read_diagnosis(truth: tuple[str, ...], optional: tuple[str, ...], said: Map
             found.setdefault(key, dict(cause.get("parameters", {})))
             confounded += [merge_equivalent(one) for one in cause.get("confounded_with", [])]
     if not any(one in marginal for one in verdict):  # no effect, or unknown: undetectable effects may be there
-        confounded += [merge_equivalent(one) for one in said.get("unseen", [])]
+        confounded += [merge_equivalent(one) for one in said.get("undetectable", [])]
     causes = {f"{cause['effect']}@{cause['joint']}" for cause in said["causes"]}
     hypotheses: dict[frozenset[str], float] = {}
     for one in said["hypotheses"]:
@@ -235,7 +235,7 @@ def _read_diagnosis(truth: tuple[str, ...], optional: tuple[str, ...], said: Map
         "sure": bool(said["sure"]),
         "p_truth": p_truth,
         "p_top": max(marginal.values(), default=0.0),
-        "p_stated": _check_probability(said.get("method", {}).get("uncalibrated", leading)),
+        "p_stated": _check_probability(said.get("method", {}).get("uncalibrated_probability", leading)),
         "brier": float(brier),
         "ranked": tuple(sorted(marginal, key=lambda key: -marginal[key])[:3]),
         "confounded": tuple(dict.fromkeys(confounded)),

@@ -131,6 +131,7 @@ def _diagnose_machine(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.pipeline import diagnose
     from hdagen.diagnosis.progress import Progress
     from hdagen.diagnosis.report.sentences import write_verdict
+    from hdagen.diagnosis.stages.stage import Stage
     from hdagen.log.measured_log import check_log_file, read
     from hdagen.support.heap_memory import tune_malloc
 
@@ -140,10 +141,10 @@ def _diagnose_machine(options: argparse.Namespace) -> int:
     with _make_folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
         logs = [read(path, columns=options.columns, holes=True) for path in options.logs]
         held = [read(path, columns=options.columns, holes=True) for path in options.hold_out or ()]
-        say = Progress()
+        progress = Progress()
         tune_malloc()
-        found = diagnose(options.robot, logs, held, say)
-        say("report")
+        found = diagnose(options.robot, logs, held, on_stage=progress)
+        progress(Stage.REPORT)
         found.save(out, options.columns)
     said = write_verdict(found.content)
     if options.json:

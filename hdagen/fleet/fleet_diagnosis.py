@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.adoption.diagnosis_file import MOST_DIAGNOSIS_BYTES, find_infinite
+from hdagen.adoption.diagnosis_schema import SCHEMA as DIAGNOSIS_SCHEMA
+from hdagen.adoption.diagnosis_schema import upgrade_content
 from hdagen.arm.arrays import is_number
 from hdagen.fleet.fleet_file import FleetMachine
 from hdagen.support.atomic_write import write_atomically
@@ -151,14 +153,10 @@ def _read_diagnosis(folder: Path) -> dict[str, Any]:
     """
     path = folder / "diagnosis.json"
     found = read_json(path, MOST_DIAGNOSIS_BYTES, "diagnose again")
-    if (
-        not isinstance(found, dict)
-        or found.get("schema") != SCHEMA
-        or not _is_complete(found)
-        or any(find_infinite(found))
-    ):
-        raise ValueError(f"{path}: is no diagnosis of schema {SCHEMA}")
-    return found
+    content = dict(upgrade_content(found)) if isinstance(found, dict) else {}
+    if content.get("schema") != DIAGNOSIS_SCHEMA or not _is_complete(content) or any(find_infinite(content)):
+        raise ValueError(f"{path}: is no diagnosis of schema {DIAGNOSIS_SCHEMA}")
+    return content
 
 
 def _is_complete(found: Mapping[str, Any]) -> bool:

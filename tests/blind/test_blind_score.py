@@ -211,9 +211,9 @@ def test_what_a_log_cannot_show_counts_where_nothing_is_named() -> None:
     none, unknown = diagnosis([], 0.0), diagnosis([], 0.0)
     unknown.update(verdict=["unknown@2"], hypotheses=[{"effects": ["unknown@2"], "probability": 0.8}])
     for said in (none, unknown):
-        said["unseen"] = ["backlash@2"]
+        said["undetectable"] = ["backlash@2"]
         assert row(["backlash@2"], said).confounded == ("backlash@2",)
-    named = diagnosis(["payload@2"], 0.9) | {"unseen": ["backlash@2"]}
+    named = diagnosis(["payload@2"], 0.9) | {"undetectable": ["backlash@2"]}
     assert "backlash@2" not in row(["backlash@2"], named).confounded
 
 

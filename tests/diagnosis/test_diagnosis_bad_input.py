@@ -229,7 +229,7 @@ def other_machine(robot: TwoJointArm) -> list[dict[str, float]]:
 def test_a_hold_out_of_another_machine_of_the_type_is_no_judge(robot: Path) -> None:
     own = log(draw_true_parameters(ROBOT, 5), draw_rich_motion(1, 8.0), 1)
     other = log(other_machine(ROBOT), draw_rich_motion(2, 6.0), 2)
-    said = diagnose(robot, [own], [other], lambda _: None).content
+    said = diagnose(robot, [own], [other]).content
     assert said["verdict"] == [] and not said["sure"] and said["parameters"] == {}
     assert said["contradicted"]["verdict"] == ["torque_ripple@1"]
     assert say_contradiction(said["contradicted"]) in said["data"]["warnings"]
@@ -240,7 +240,7 @@ def test_a_joint_that_does_not_move_takes_nothing_from_the_other(robot: Path) ->
     motion = draw_rich_motion(1, 8.0)
     path, speed = motion.position * [1.0, 0.0], motion.velocity * [1.0, 0.0]
     own = log(draw_true_parameters(ROBOT, 5), Motion(motion.time, path, speed, 0.0 * motion.force), 1)
-    said = diagnose(robot, [own], [], lambda _: None).content
+    said = diagnose(robot, [own]).content
     assert said["verdict"] == ["torque_ripple@1"] and said["data"]["still"] == [2]
     friction = {f"{name}_friction@2" for name in ("coulomb", "viscous", "stribeck", "asymmetric", "load_dependent")}
-    assert friction <= set(said["unseen"])
+    assert friction <= set(said["undetectable"])

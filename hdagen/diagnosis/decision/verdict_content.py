@@ -1,14 +1,17 @@
-"""The part of diagnosis.json that a decision fills: verdict, causes, hypotheses, parameters."""
+"""The part of diagnosis.json that a decision fills: verdict, causes, hypotheses, parameters; and the verdict that it
+states, ready to be simulated."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hdagen.adoption import verdict
+from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.diagnosis.decision.identifiability import Identifiability
 from hdagen.diagnosis.decision.posterior import SURE_BELOW, Decision
@@ -53,29 +56,28 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
         unseen = told.find_undetectable()
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
-        fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
         others = [
             o for o in likely if _compute_alternative_probability(decision, name, o) > LEAST_ALTERNATIVE_PROBABILITY
         ]
         if name in decision.verdict and name in told.columns and not decision.is_long_horizon:
             others += told.find_confusable(name)
         others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
-        causes.append(_describe_cause(name, likely[name], _list_parameters(name, fit, decision), others))
+        causes.append(_describe_cause(name, likely[name], _list_parameters(name, decision), others))
     return {
-        "schema": verdict.SCHEMA,
+        "schema": SCHEMA,
         "verdict": list(decision.verdict),
         "sure": decision.is_sure,
         "where": [_locate_entry(entry, place.get(entry, "motor")) for entry in decision.verdict],
         "causes": causes,
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "parameters": estimate_base_parameters(best),
-        "unseen": [name for name in unseen if name not in decision.verdict],
+        "undetectable": [name for name in unseen if name not in decision.verdict],
         "method": {
             "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
-            "uncalibrated": decision.uncalibrated_probability,
-            "present_from": PRESENT_SIZE,
-            "sure_below": SURE_BELOW,
-            "tolerated_share": best.sensitivities.candidates.spike_scale,
+            "uncalibrated_probability": decision.uncalibrated_probability,
+            "present_size": PRESENT_SIZE,
+            "most_doubt": SURE_BELOW,
+            "nuisance_width": best.sensitivities.candidates.spike_scale,
             "unexplained_torque": best.score.posterior.s,
             "noise_scale": math.sqrt(best.score.posterior.noise_level),
         },
@@ -103,8 +105,9 @@ def _locate_entry(entry: str, place: str) -> dict[str, Any]:
     return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "interval": None, "when": ""}
 
 
-def _list_parameters(name: str, fit: Fit | None, decision: Decision) -> dict[str, Any]:
+def _list_parameters(name: str, decision: Decision) -> dict[str, Any]:
     """Parameters of a candidate, from its fit or from direct evidence; the latter have no standard deviation."""
+    fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
     if fit is None and name not in decision.direct_evidence:
         return {}
     if name not in decision.direct_evidence:
@@ -164,6 +167,53 @@ def estimate_parameters(fit: Fit, atom: int) -> dict[str, Any]:
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class StatedEffects:
+    """The effects that a decision states, with the parameters that its fits give them.
+
+    Attributes:
+        names: of the effects, effect@joint, in the order of the verdict; `unknown@joint` has no parameters.
+        causes: the known ones, as entries of `causes` of diagnosis.json.
+
+    """
+
+    names: tuple[str, ...]
+    causes: tuple[Mapping[str, Any], ...]
+
+    def build_verdict(self, base_parameters: Mapping[str, Any]) -> verdict.Verdict:
+        """Build the verdict of these effects.
+
+        Args:
+            base_parameters: `parameters` of diagnosis.json.
+
+        Returns:
+            The verdict, ready to be applied to a model.
+
+        """
+        said = {
+            "schema": SCHEMA,
+            "verdict": list(self.names),
+            "causes": list(self.causes),
+            "parameters": base_parameters,
+        }
+        return verdict.read_verdict(said)
+
+
+def state_effects(decision: Decision) -> StatedEffects:
+    """List the effects of a decision's verdict with their parameters.
+
+    Args:
+        decision: the decision.
+
+    Returns:
+        The effects.
+
+    """
+    known = [name for name in decision.verdict if not name.startswith("unknown@")]
+    causes = [_describe_cause(name, 1.0, _list_parameters(name, decision), []) for name in known]
+    return StatedEffects(decision.verdict, tuple(causes))
+
+
 def build_hypothetical_verdict(fit: Fit, names: Sequence[str]) -> verdict.Verdict:
     """Build the verdict that some effects would have at the parameters of a fit.
 
@@ -178,8 +228,7 @@ def build_hypothetical_verdict(fit: Fit, names: Sequence[str]) -> verdict.Verdic
     there = [name for name in names if name in fit.names]
     atoms = {fit.sensitivities.candidates.members[k].name: k for k in fit.effects}
     causes = [_describe_cause(name, 1.0, estimate_parameters(fit, atoms[name]), []) for name in there]
-    said = {"schema": verdict.SCHEMA, "verdict": there, "causes": causes, "parameters": estimate_base_parameters(fit)}
-    return verdict.read_verdict(said)
+    return StatedEffects(tuple(there), tuple(causes)).build_verdict(estimate_base_parameters(fit))
 
 
 def estimate_base_parameters(best: Fit) -> dict[str, Any]:

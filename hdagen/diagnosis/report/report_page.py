@@ -81,7 +81,7 @@ def _show_candidates(content: dict[str, Any]) -> Section:
         f" and every other effect within a small size. An effect below {100 * PRESENT_SIZE:g} % of its usual size"
         f" counts as none.{_explain_long_horizon(content)}\n\n{explain_confounding(content)}"
     )
-    if unseen := content["unseen"]:
+    if unseen := content["undetectable"]:
         this = "This"
         if _names_unknown(content):
             this = "Beside what is unknown this"
@@ -131,7 +131,7 @@ def _explain_long_horizon(content: dict[str, Any]) -> str:
 def _show_direct_evidence(content: dict[str, Any]) -> list[str]:
     """A table of the effects that commands and encoders show by themselves; no table where there are none."""
     rows: list[list[str | float | None]] = []
-    for one in content["alone"]:
+    for one in content["direct_evidence"]:
         values = ", ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in one["parameters"].items())
         rows.append([name_effect(f"{one['effect']}@{one['joint']}"), values, 100 * one["left"]])
     if not rows:
@@ -149,7 +149,7 @@ def _show_direct_evidence(content: dict[str, Any]) -> list[str]:
 
 def _show_ranking(content: dict[str, Any]) -> str:
     """The gaps of the leading hypotheses on held-out motion."""
-    gap, rungs = content["gap"], content["ladder"]
+    gap, rungs = content["gap"], content["ranking"]
     return draw_bars(
         "Candidates on held-out motion",
         [_label_model(one) for one in rungs],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
@@ -44,7 +44,7 @@ def _say_verdict(content: dict[str, Any]) -> str:
     if not verdict:
         said = _say_no_effect(content)
     elif not named:
-        said = f"{_say_joints(verdict)} something that no known effect explains{_say_doubt(content['doubted'])}"
+        said = f"{_say_joints(verdict)} something that no known effect explains{_say_doubt(content['doubts'])}"
     else:
         each, verb = _join_effects(named), _agree_in_number(named, "is", "are")
         said = f"{each[0].upper()}{each[1:]} {verb} missing in the model{_say_probability(content, named)}"
@@ -87,7 +87,7 @@ def _agree_in_number(entries: Sequence[Any], one: str, several: str) -> str:
     return several
 
 
-def say_contradiction(contradicted: dict[str, Any]) -> str:
+def say_contradiction(contradicted: Mapping[str, Any]) -> str:
     """Say why a hold-out does not seem to be of the log's machine, and how to mend that.
 
     Args:
@@ -166,7 +166,7 @@ def _format_multiple(multiples: float) -> str:
 
 def _say_nuisance_effect(content: dict[str, Any]) -> str:
     """An effect within tolerance that would close much of the rest of the gap."""
-    closer = [one for one in content["tolerated"] if one["gap"] < NOTABLE_GAP_SHARE * content["gap"]["after"]]
+    closer = [one for one in content["nuisance_effects"] if one["gap"] < NOTABLE_GAP_SHARE * content["gap"]["after"]]
     if not closer:
         return ""
     what = name_effect(f"{closer[0]['effect']}@{closer[0]['joint']}")
@@ -291,7 +291,7 @@ def explain_confounding(content: dict[str, Any]) -> str:
 
     """
     causes = {f"{c['effect']}@{c['joint']}": c for c in content["causes"]}
-    shown = causes.keys() - set(content["unseen"])  # the report says those for themselves
+    shown = causes.keys() - set(content["undetectable"])  # the report says those for themselves
     likely = [name for name, c in causes.items() if c["probability"] >= LEAST_MENTIONED_PROBABILITY and name in shown]
     named = [name for name in content["verdict"] if name in causes]
     if not named:

@@ -11,7 +11,7 @@ Legend: T rows, W windows, K instants.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,12 +70,12 @@ class ResidualTrace:
     instants: np.ndarray
 
 
-def localize_gap(sight: ResidualTorque, content: Mapping[str, Any], rows: Mask) -> list[dict[str, Any]]:
+def localize_gap(sight: ResidualTorque, effects: Sequence[str], rows: Mask) -> list[dict[str, Any]]:
     """Locate the gap: `where` of diagnosis.json.
 
     Args:
         sight: the torque balance before and after the verdict.
-        content: content of a diagnosis.json.
+        effects: of the verdict, effect@joint.
         rows: mask of the log's rows (T) to count.
 
     Returns:
@@ -83,8 +83,8 @@ def localize_gap(sight: ResidualTorque, content: Mapping[str, Any], rows: Mask) 
         With unknown effects alone, these places are left out.
 
     """
-    verdict = [entry for entry in content["verdict"] if not entry.startswith("unknown@")]
-    strange = [entry for entry in content["verdict"] if entry not in verdict]
+    verdict = [entry for entry in effects if not entry.startswith("unknown@")]
+    strange = [entry for entry in effects if entry not in verdict]
     left = [_locate_unknown(sight, int(entry.partition("@")[2]), rows) for entry in strange]
     if strange and not verdict:
         return left
@@ -92,19 +92,19 @@ def localize_gap(sight: ResidualTorque, content: Mapping[str, Any], rows: Mask) 
     if not parts:
         return left
     shares, intervals, often = _compute_gap_shares(sight, parts, rows)
-    effects = [k for k, part in enumerate(parts) if part.name in verdict]
+    named = [k for k, part in enumerate(parts) if part.name in verdict]
     others = sorted(
-        (k for k in range(len(parts)) if k not in effects and shares[k] >= LEAST_PLACE_SHARE), key=lambda k: -shares[k]
+        (k for k in range(len(parts)) if k not in named and shares[k] >= LEAST_PLACE_SHARE), key=lambda k: -shares[k]
     )
     entries = []
-    for k in (*effects, *others):
+    for k in (*named, *others):
         part = parts[k]
         said = f"Base parameters, {part.name}, within their tolerance: {often[k]}."
-        if k in effects:
+        if k in named:
             said = _describe_regime(sight, part)
         share = {"share": round(shares[k], 4), "interval": intervals[k]}
         entries.append({"joint": part.joint, "place": part.place, **share, "when": said})
-    return entries[: len(effects)] + left + entries[len(effects) :]
+    return entries[: len(named)] + left + entries[len(named) :]
 
 
 def find_place(sight: ResidualTorque, entry: str) -> str:

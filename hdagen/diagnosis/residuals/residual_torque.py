@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -279,14 +278,12 @@ class ResidualTorque(MeasuredMotion):
         return self.smooth(read[0] - read[1])
 
 
-def see_residual_torque(
-    arm: Arm, content: Mapping[str, Any], log: Log, before: Replay, after: Replay
-) -> ResidualTorque:
+def see_residual_torque(arm: Arm, said: verdict.Verdict, log: Log, before: Replay, after: Replay) -> ResidualTorque:
     """Compare a log with the model before and after a verdict.
 
     Args:
         arm: a model that has the verdict's effects.
-        content: content of a diagnosis.json.
+        said: the verdict.
         log: the log of both replays.
         before: replay of the robot file.
         after: replay of the verdict.
@@ -298,7 +295,6 @@ def see_residual_torque(
         PlantError: the arm lacks a parameter of the verdict.
 
     """
-    said = verdict.read_verdict(content)
     changed, _ = verdict.apply_verdict(arm, said)
     names = list(arm.parameters.described)
     own = {f"{e.name}@{e.joint}": tuple(map(names.index, e.parameters)) for e in said.effects}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -43,8 +44,11 @@ from hdagen.diagnosis.search.fit_order import (
 from hdagen.diagnosis.search.multistart import Start, scan_sizes
 from hdagen.diagnosis.search.null_model import choose_spike_scale, make_nominal_point
 from hdagen.diagnosis.search.ripple_order import add_ripple_orders
+from hdagen.diagnosis.stages.stage import Stage, StageListener
 from hdagen.support.parallel import map_in_threads
 
+LOGGER = logging.getLogger(__name__)
+RACE_STAGES = (Stage.RACE_ROUND_1, Stage.RACE_ROUND_2, Stage.RACE_ROUND_3)
 RACE_SIZES = (9, 5, 3)  # hypotheses beside the null model in each round of the race
 MOST_EFFECTS_OF_SET = 3  # effects at once
 FURTHER_RACE_SIZES = (5, 3, 2)  # the same as FIELD for further effects beside a leader
@@ -83,29 +87,38 @@ RefitCall = tuple[Callable[[Fit, CandidateSet, tuple[int, ...]], Fit], tuple[int
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """The result of a search. ``fitted``: the null model, the leading effects and sets of them, each at its optimum,
-    the most probable first. ``screened``: every effect that the log could show, in the linear model about the robot
-    file's numbers, the most probable first."""
+    """The result of a search.
+
+    Attributes:
+        candidates: every effect on every joint that was a candidate.
+        fits: the null model, the leading effects and sets of them, each at its optimum, the most probable first.
+        screened: every effect that the log could show, in the linear model about the robot file's numbers, the most
+            probable first.
+        failures: a sentence for each part of the search that was left out, and for simulations that failed.
+
+    """
 
     candidates: CandidateSet
     fits: tuple[Fit, ...]
     screened: tuple[ScoredHypothesis, ...]
+    failures: tuple[str, ...] = ()
 
 
-def search_effects(shooting: MultipleShooting, words: CandidateSet, say: Callable[[str], None]) -> SearchResult:
+def search_hypotheses(shooting: MultipleShooting, words: CandidateSet, on_stage: StageListener) -> SearchResult:
     """Search the effects that explain a record. All effects are screened in one linear model and at several sizes, the
     leading ones are fitted, then sets of them.
 
     Args:
         shooting: the record and its model.
         words: all candidates.
-        say: receives a sentence as each stage begins.
+        on_stage: receives each stage as it begins.
 
     Returns:
         The fits, and the screening.
 
     """
-    say(f"screening {len(words.members)} candidates")
+    on_stage(Stage.SCREENING)
+    LOGGER.info("screening %d candidates", len(words.members))
     at = compute_sensitivities(shooting, words, make_nominal_point(shooting, words))
     screened = _screen_candidates(at.with_visible_columns())
     regression = TorqueRegression.from_record(shooting.arm, shooting.record, words)
@@ -121,7 +134,7 @@ def search_effects(shooting: MultipleShooting, words: CandidateSet, say: Callabl
     ]
     if regression:
         field += begin_sets(regression, at, none.posterior.s)
-    return SearchResult(words, tuple(run_races(at, words, field, say)), tuple(screened))
+    return SearchResult(words, tuple(run_races(at, words, field, on_stage)), tuple(screened))
 
 
 def _screen_candidates(at: Sensitivities) -> list[ScoredHypothesis]:
@@ -179,7 +192,7 @@ def _adopt_spike_scale(fitted: list[Fit], words: CandidateSet) -> tuple[list[Fit
 
 
 def run_races(
-    at: Sensitivities, words: CandidateSet, field: list[Fit], say: Callable[[str], None], least: float = -np.inf
+    at: Sensitivities, words: CandidateSet, field: list[Fit], on_stage: StageListener, least: float = -np.inf
 ) -> list[Fit]:
     """Fit hypotheses in a race, and the best one with one more effect as long as that is better. Where the best fit
     leaves much of the misfit, one more effect is tried beside the next best, too: of two effects the apparently larger
@@ -189,14 +202,14 @@ def run_races(
         at: sensitivities about the robot file's numbers.
         words: all candidates.
         field: the hypotheses, which are used up.
-        say: receives a sentence as each fit begins.
+        on_stage: receives each stage as it begins.
         least: log evidence that the best must reach before effects are added to it.
 
     Returns:
         The fits, the best first, the others without their columns.
 
     """
-    fitted = _drop_undeserved(_run_race(field, words, RACE_SIZES, say))
+    fitted = _drop_undeserved(_run_race(field, words, RACE_SIZES, on_stage))
     if is_beyond_known_effects(fitted) or sort_by_evidence(fitted)[0].evidence_here < least:
         return drop_columns(sort_by_evidence(fitted))
     fitted, words = _adopt_spike_scale(fitted, words)
@@ -213,7 +226,7 @@ def run_races(
         leads, fitted = [], drop_columns(fitted)
         if further:
             fitted, words = _adopt_spike_scale(
-                sort_by_promise([*fitted, *_run_race(further, words, FURTHER_RACE_SIZES, say)]), words
+                sort_by_promise([*fitted, *_run_race(further, words, FURTHER_RACE_SIZES, on_stage)]), words
             )
         lead, stood = first_with_columns(fitted), next(f for f in fitted if f.effects == before.effects)
         if lead.evidence_here < stood.evidence_here + LEAST_LEAD * stood.misfit_temperature:
@@ -227,6 +240,7 @@ def run_races(
         for atoms in fewer
         if lead.predicted_evidence(atoms) > lead.evidence_here - LOOK_ALIKE_MARGIN * lead.misfit_temperature
     ]
+    on_stage(Stage.RIVALS)
     begin = [
         *((refit_without, atoms) for atoms in fewer),
         *((refit_swapping, atoms) for atoms in _find_look_alikes(lead, fitted, words)),
@@ -234,7 +248,7 @@ def run_races(
     if len(lead.effects) > 1:
         begin.append((partial(refit_from_start, at.point), lead.effects))
     return _settle_close_calls(
-        [*fitted, *map_in_threads(partial(_fit_from_leader, lead, words, say), begin)], words, say
+        [*fitted, *map_in_threads(partial(_fit_from_leader, lead, words), begin)], words, on_stage
     )
 
 
@@ -263,7 +277,7 @@ def _find_look_alikes(lead: Fit, fitted: Sequence[Fit], words: CandidateSet) -> 
     return [atoms for _, atoms in sorted(found, reverse=True)[:MOST_LOOK_ALIKES]]
 
 
-def _settle_close_calls(fits: list[Fit], words: CandidateSet, say: Callable[[str], None]) -> list[Fit]:
+def _settle_close_calls(fits: list[Fit], words: CandidateSet, on_stage: StageListener) -> list[Fit]:
     """Fit all hypotheses close to the best to their end, so that a close call does not depend on who was dropped on the
     way. ``fits`` are used up; the best comes first."""
     ordered = sort_by_evidence(fits)
@@ -276,7 +290,8 @@ def _settle_close_calls(fits: list[Fit], words: CandidateSet, say: Callable[[str
     close = list(best.values())[:MOST_CLOSE_CALLS]
     if len(close) < 2:
         return drop_columns(ordered)
-    say(f"going on with {', '.join(' + '.join(fit.names) or 'none' for fit in close)}")
+    on_stage(Stage.CLOSE_CALLS)
+    LOGGER.info("going on with %s", ", ".join(_join_names(fit) for fit in close))
     rest = [fit.without_columns() for fit in ordered if fit not in close]
     del ordered, best, fits[:]  # the other fits free their memory
     done = [fit.names for fit in close[1:] if fit.has_converged]  # the best one must have its columns
@@ -306,7 +321,7 @@ def _continue_fit(fit: Fit, words: CandidateSet, steps: int, enough: float) -> F
     return best
 
 
-def _fit_from_leader(lead: Fit, words: CandidateSet, say: Callable[[str], None], begin: RefitCall) -> Fit:
+def _fit_from_leader(lead: Fit, words: CandidateSet, begin: RefitCall) -> Fit:
     """Fit a hypothesis that starts at the leader's point. Without its columns where it cannot come close, even if each
     further step brought as much as the last one."""
     how, atoms = begin
@@ -316,9 +331,7 @@ def _fit_from_leader(lead: Fit, words: CandidateSet, say: Callable[[str], None],
     )
     for number in range(1, REFIT_ROUNDS + 1):
         before = fit
-        fit = _advance_with_report(
-            words, say, f"from {' + '.join(lead.names)}, round {number} of {REFIT_ROUNDS}", before
-        )
+        fit = _advance_with_note(words, f"from {_join_names(lead)}, round {number} of {REFIT_ROUNDS}", before)
         gain = max(fit.score.evidence - before.score.evidence, fit.evidence_here - before.evidence_here)
         behind = least - charge_effects(fit.score.evidence, fit, lead.misfit_temperature)
         if fit.evidence_here < lead.evidence_here and behind > gain * (REFIT_ROUNDS - number):
@@ -358,14 +371,15 @@ def _start_promising(
     return map_in_threads(begin, leading)
 
 
-def _run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], say: Callable[[str], None]) -> list[Fit]:
+def _run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], on_stage: StageListener) -> list[Fit]:
     """Fit all of ``field``, which is used up, in rounds, and drop the hypotheses that trail far behind; the best
     first."""
     field[:], out = _keep_promising(sort_by_promise(field), FIRST_ROUND_SHARE, len(field))
     for number, most in enumerate((*sizes[1:], len(field)), 1):
+        on_stage(RACE_STAGES[number - 1])
         given = (field.pop(0) for _ in range(len(field)))  # each old fit frees its memory as soon as its step is done
         moved = sort_by_promise(
-            map_in_threads(partial(_advance_with_report, words, say, f"round {number} of {len(sizes)}"), given)
+            map_in_threads(partial(_advance_with_note, words, f"round {number} of {len(sizes)}"), given)
         )
         if number == MERGING_ROUND:
             moved, left_behind = keep_best_starts(moved)
@@ -424,10 +438,15 @@ def _is_outdone(none: Fit, lead: Fit) -> bool:
     )
 
 
-def _advance_with_report(words: CandidateSet, say: Callable[[str], None], when: str, fit: Fit) -> Fit:
-    """Announce a step of a fit and take it."""
-    say(f"fitting {' + '.join(fit.names) or 'none'}, {when}")
+def _advance_with_note(words: CandidateSet, when: str, fit: Fit) -> Fit:
+    """Log a step of a fit and take it."""
+    LOGGER.info("fitting %s, %s", _join_names(fit), when)
     return advance_fit(fit, words)
+
+
+def _join_names(fit: Fit) -> str:
+    """The effects of a fit in words."""
+    return " + ".join(fit.names) or "none"
 
 
 def _is_clean(fit: Fit) -> bool:

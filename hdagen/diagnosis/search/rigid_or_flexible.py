@@ -7,7 +7,7 @@ models.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,14 +25,16 @@ from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.fit_order import drop_columns, leaves_much, sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_search import TRAILING_SHARE, SearchResult, run_races
+from hdagen.diagnosis.stages.stage import Stage, StageListener
 
+LOGGER = logging.getLogger(__name__)
 SPRING_EFFECT = "missing_compliance"
 SPRING_SIZES = (1.0, 4.0)  # typical sizes at which a fit with springs starts
 SPRING_STEP = 2.5e-4  # s, stable for springs ten times as stiff as typical ones; a stiffer spring is as good as rigid
 
 
 def compare_with_springs(
-    robot: str | Path, arm: Arm, seen: WindowedRecord, window: float, found: SearchResult, say: Callable[[str], None]
+    robot: str | Path, arm: Arm, seen: WindowedRecord, window: float, found: SearchResult, on_stage: StageListener
 ) -> SearchResult:
     """Compare the search's result with a model that has springs in its rigid joints.
 
@@ -42,7 +44,7 @@ def compare_with_springs(
         seen: the record.
         window: length of a window, s.
         found: the result of the search.
-        say: receives a sentence as each stage begins.
+        on_stage: receives each stage as it begins.
 
     Returns:
         ``found`` with the fits of the model with springs.
@@ -54,11 +56,11 @@ def compare_with_springs(
     if len(arm.manifest["flexible"]) == arm.n:
         return found
     flexible = load(robot, "native", ("all", SPRING_EFFECT))
-    _report_rigid_joints(flexible, say)
+    _log_rigid_joints(flexible)
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
         return found  # no rotor that could turn by itself
     _narrow_spring_bounds(flexible)
-    say("a spring in what the robot file calls rigid")
+    on_stage(Stage.SPRINGS)
     shooting = MultipleShooting(
         flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SPRING_STEP
     )
@@ -70,7 +72,7 @@ def compare_with_springs(
     least = -np.inf
     if not leaves_much(lead, found.fits):  # a good fit must gain by springs before anything is tried beside them
         least = lead.evidence_here
-    fits = run_races(at, words, field, say, least)
+    fits = run_races(at, words, field, on_stage, least)
     return replace(found, fits=tuple(drop_columns(sort_by_evidence([*found.fits, *fits]))))
 
 
@@ -117,13 +119,13 @@ def _carry_over_parameters(flexible: Arm, lead: Fit) -> Array:
     return np.array([stood.get(name, q.nominal) for name, q in flexible.parameters.described.items()])
 
 
-def _report_rigid_joints(flexible: Arm, say: Callable[[str], None]) -> None:
-    """Say which joints with a rotor stay rigid even here, and the number that prevents a spring."""
+def _log_rigid_joints(flexible: Arm) -> None:
+    """Log which joints with a rotor stay rigid even here, and the number that prevents a spring."""
     for j in range(1, flexible.n + 1):
         inertia = flexible.parameters[f"motor_inertia_{j}"]
         if j not in flexible.manifest["flexible"] and inertia:
             step = f"a step of {flexible.step_size:g} s carries no spring beside motor_inertia = {inertia:g} kg m²"
-            say(f"joint {j} stays rigid: {step}")
+            LOGGER.info("joint %d stays rigid: %s", j, step)
 
 
 def _narrow_spring_bounds(flexible: Arm) -> None:

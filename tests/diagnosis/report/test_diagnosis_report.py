@@ -20,12 +20,14 @@ from hostile_names import NAME, check_escaped
 from replayed import FLEXIBLE, RIGID, simulated
 
 from gen.effects import ALL
+from hdagen.adoption.diagnosis_schema import SCHEMA
+from hdagen.adoption.verdict import read_verdict
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion, mark_holdout_blocks
 from hdagen.diagnosis.decision import separating_experiments
+from hdagen.diagnosis.diagnosis_content import BLOCKS_TEXT
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
-from hdagen.diagnosis.pipeline import BLOCKS_TEXT
 from hdagen.diagnosis.report import report_page
 from hdagen.diagnosis.report.effect_plots import average_in_bins, draw_effect
 from hdagen.diagnosis.report.sentences import MOST_NAMED_ALTERNATIVES, explain_confounding, write_verdict
@@ -94,7 +96,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
             "separate_by": separating_experiments.suggest_experiments(entry, other),
         }
     return {
-        "schema": 1,
+        "schema": SCHEMA,
         "verdict": verdict,
         "sure": True,
         "causes": causes,
@@ -102,16 +104,16 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         "parameters": {
             name: {"value": v, "std": 0.01 * abs(v), "unit": "1", "end": None} for name, v in (base or {}).items()
         },
-        "unseen": ["torque_constant@2"],
-        "doubted": None,
+        "undetectable": ["torque_constant@2"],
+        "doubts": None,
         "contradicted": None,
         "moments": [],
-        "alone": [],
-        "tolerated": [],
+        "direct_evidence": [],
+        "nuisance_effects": [],
         "small": [],
         "remains": [],
         "as_good_as_it_gets": False,
-        "ladder": [
+        "ranking": [
             {"model": "robot file", "effects": [], "probability": None, "gap": 20.0, "interval": [18.0, 22.0]},
             {"model": "hypothesis", "effects": [], "probability": 0.1, "gap": 12.0, "interval": [11.0, 13.0]},
             {"model": "verdict", "effects": verdict, "probability": 0.9, "gap": 2.0, "interval": None},
@@ -171,8 +173,8 @@ def seen(
         "shrink": 0.95,
     }
     said["gap"] |= {"interval": [0.9, 0.97], "by_channel": multiples}
-    sight = see_residual_torque(arm, said, log, before, after)
-    said["where"] = localize_gap(sight, said, np.ones(len(sight.log), bool))
+    sight = see_residual_torque(arm, read_verdict(said), log, before, after)
+    said["where"] = localize_gap(sight, said["verdict"], np.ones(len(sight.log), bool))
     return sight, said, log, before, after
 
 
@@ -230,8 +232,8 @@ def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
     ):
         _, said, log, before, _ = seen(arm, {entry: values})
         said |= {"verdict": ["unknown@2"], "parameters": {}}
-        sight = see_residual_torque(arm, said, log, before, before)
-        (found,) = localize_gap(sight, said, np.ones(len(sight.log), bool))
+        sight = see_residual_torque(arm, read_verdict(said), log, before, before)
+        (found,) = localize_gap(sight, said["verdict"], np.ones(len(sight.log), bool))
         assert (found["joint"], found["place"]) == (2, place)
         assert 0.3 < found["share"] <= 1.0
         assert draw_effect(sight, "unknown@2", place)
@@ -254,7 +256,9 @@ def test_a_picture_tells_how_far_the_effect_is_what_it_shows(arm: Arm, entry: st
     nominal = {name: arm.parameters.described[f"{name}_{entry[-1]}"].nominal for name in values}
     quarter = {name: nominal[name] + 0.25 * (value - nominal[name]) for name, value in values.items()}
     said = content(arm, {entry: quarter})
-    (shown,) = draw_effect(see_residual_torque(arm, said, log, before, replay(arm, log, with_=said)), entry, place)
+    (shown,) = draw_effect(
+        see_residual_torque(arm, read_verdict(said), log, before, replay(arm, log, with_=said)), entry, place
+    )
     assert "Warning: the log shows" in shown
     assert float(re.findall(r"R² = (-?[0-9.]+)", shown)[0]) < right
 
@@ -553,7 +557,7 @@ def test_a_report_without_a_verdict_says_so_and_shows_what_is_left(arm: Arm, tmp
 def test_what_did_not_stand_on_held_out_motion_is_said(arm: Arm, verdict: list[str], says: str) -> None:
     said = seen(arm, {})[1] | {"verdict": ["unknown@2"], "sure": False}
     assert write_verdict(said).startswith("Joint 2 misses something that no known effect explains; this is not sure.")
-    doubted = write_verdict(said | {"doubted": {"verdict": verdict, "joint": 2, "left": 0.95}})
+    doubted = write_verdict(said | {"doubts": {"verdict": verdict, "joint": 2, "left": 0.95}})
     assert doubted.startswith(f"Joint 2 misses something that no known effect explains{says}")
 
 
@@ -561,9 +565,9 @@ def test_what_is_sure_beside_something_unknown_is_said_and_has_its_place(arm: Ar
     named = "sensor_delay@2"
     sight, said, log, before, after = seen(arm, {named: {"sensor_delay": 4e-3}})
     read_off = {"effect": "sensor_delay", "joint": 2, "parameters": {"sensor_delay": 4e-3}, "left": 0.07}
-    said |= {"verdict": [named, "unknown@2"], "sure": False, "alone": [read_off]}
+    said |= {"verdict": [named, "unknown@2"], "sure": False, "direct_evidence": [read_off]}
     assert write_verdict(said).startswith("Sensor delay on joint 2 is missing in the model (probability 0.90")
-    said["where"] = localize_gap(sight, said, np.ones(len(sight.log), bool))
+    said["where"] = localize_gap(sight, said["verdict"], np.ones(len(sight.log), bool))
     assert [(w["joint"], w["place"]) for w in said["where"][:2]] == [(2, "sensor"), (2, "motor")]
     page = write((sight, said, log, before, after), arm, tmp_path / "page.html")
     assert "is missing in the model" in page and "What commands and encoders show by themselves" in page
@@ -583,7 +587,9 @@ def test_what_is_tolerated_and_closes_more_is_shown(arm: Arm, tmp_path: Path) ->
     all_ = seen(arm, {})
     assert "Within tolerance, and not named" not in write(all_, arm, tmp_path / "report.html")
     tilt = {"tilt_x": {"value": 0.0306, "std": 0.0018, "unit": "m/s²"}}
-    all_[1]["tolerated"] = [{"effect": "gravity_tilt", "joint": 0, "parameters": tilt, "size": 0.037, "gap": 15.2}]
+    all_[1]["nuisance_effects"] = [
+        {"effect": "gravity_tilt", "joint": 0, "parameters": tilt, "size": 0.037, "gap": 15.2}
+    ]
     page = write(all_, arm, tmp_path / "report.html")
     assert "Within tolerance, and not named" in page and "tilt_x 0.0306 m/s²" in page and "15.2" in page
     said = {**all_[1], "gap": {**all_[1]["gap"], "after": 40.0}}
@@ -628,7 +634,7 @@ def test_the_page_is_silent_and_asks_for_nothing(arm: Arm, tmp_path: Path) -> No
 def test_of_what_an_effect_may_also_be_the_nearest_are_named(count: int) -> None:
     others = [f"{effect.name}@1" for effect in ALL][:count]
     cause = {"effect": "sensor_delay", "joint": 2, "probability": 0.6, "confounded_with": others, "separate_by": "-"}
-    said = explain_confounding({"verdict": ["sensor_delay@2"], "causes": [cause], "unseen": []})
+    said = explain_confounding({"verdict": ["sensor_delay@2"], "causes": [cause], "undetectable": []})
     first = said.split("may also be ")[1].split(". ")[0]
     assert [o for o in others if in_words(o) in re.split(", (?!or one of)|, or", first)] == others[
         :MOST_NAMED_ALTERNATIVES
@@ -643,13 +649,15 @@ def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once()
         {"effect": name[:-2], "joint": int(name[-1]), "probability": p, "confounded_with": [*{*likely} - {name}]}
         for name, p in likely.items()
     ]
-    said = explain_confounding({"verdict": [], "contradicted": None, "causes": causes, "unseen": []})
+    said = explain_confounding({"verdict": [], "contradicted": None, "causes": causes, "undetectable": []})
     for name in ("stribeck friction on joint 1 (0.20)", "presliding friction on joint 1 (0.10)", "payload on joint 2"):
         assert said.count(name) == 1
     assert said.count("Against payload@2: ") == 1 and "contact" not in said
     assert "hdagen excite robot.toml --separate stribeck_friction@1,presliding_friction@1,payload@2\n" in said
     for few in (causes[:1], causes[3:]):
-        assert "excite" not in explain_confounding({"verdict": [], "contradicted": None, "causes": few, "unseen": []})
+        assert "excite" not in explain_confounding(
+            {"verdict": [], "contradicted": None, "causes": few, "undetectable": []}
+        )
     assert "payload" not in explain_confounding(
-        {"verdict": [], "contradicted": None, "causes": causes, "unseen": ["payload@2"]}
+        {"verdict": [], "contradicted": None, "causes": causes, "undetectable": ["payload@2"]}
     )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
 from numpy.linalg import LinAlgError
 
 from hdagen.arm.build_loader import PlantError
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.log.data_table import LogError
 
 Made = TypeVar("Made")
@@ -17,7 +16,12 @@ Made = TypeVar("Made")
 
 @dataclass
 class Attempts:
-    """Runs optional stages; ``failures`` has a sentence for each stage that was left out."""
+    """Runs optional stages.
+
+    Attributes:
+        failures: a sentence for each stage that was left out.
+
+    """
 
     failures: list[str] = field(default_factory=list)
 
@@ -38,18 +42,3 @@ class Attempts:
         except (PlantError, LogError, LinAlgError) as error:
             self.failures.append(f"Left out, as it failed: {stage}. {error}")
             return otherwise
-
-    def report_failed_simulations(self, shootings: Iterable[MultipleShooting]) -> None:
-        """Note how many simulations of a fit failed, if any did.
-
-        Args:
-            shootings: the simulators of the fit.
-
-        """
-        every = list(shootings)
-        run, failed = sum(one.rollout_count for one in every), sum(one.failure_count for one in every)
-        if failed:
-            self.failures.append(
-                f"In {failed} of {run} simulations of the fit the model flew apart or gave no number: such a motion "
-                "counts as wrong as can be, and the search went on without it."
-            )
