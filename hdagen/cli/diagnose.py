@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdagen.cli.diagnosis_progress import show_progress
 from hdagen.cli.failure_conditions import (
     CONDITION_MET,
     add_failure_options,
@@ -65,6 +66,7 @@ def add_parser(commands: Any) -> None:
         "--jobs", type=int, metavar="J", help="machines of a fleet at the same time (default: half the cores)"
     )
     add_failure_options(p)
+    p.add_argument("-v", "--verbose", action="store_true", help="print every step of the search")
     p.add_argument("--json", action="store_true", help="print diagnosis.json or fleet.json, with where the page is")
 
 
@@ -129,7 +131,6 @@ def _make_folder(out: Path) -> Iterator[Path]:
 
 def _diagnose_machine(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.pipeline import diagnose
-    from hdagen.diagnosis.progress import Progress
     from hdagen.diagnosis.report.sentences import write_verdict
     from hdagen.diagnosis.stages.stage import Stage
     from hdagen.log.measured_log import check_log_file, read
@@ -141,11 +142,11 @@ def _diagnose_machine(options: argparse.Namespace) -> int:
     with _make_folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
         logs = [read(path, columns=options.columns, holes=True) for path in options.logs]
         held = [read(path, columns=options.columns, holes=True) for path in options.hold_out or ()]
-        progress = Progress()
         tune_malloc()
-        found = diagnose(options.robot, logs, held, on_stage=progress)
-        progress(Stage.REPORT)
-        found.save(out, options.columns)
+        with show_progress(options.verbose) as progress:
+            found = diagnose(options.robot, logs, held, on_stage=progress)
+            progress(Stage.REPORT)
+            found.save(out, options.columns)
     said = write_verdict(found.content)
     if options.json:
         beside = {"sentence": said, "left_out": list(found.failures), "page": str(out / "report.html")}

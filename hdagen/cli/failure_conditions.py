@@ -1,4 +1,5 @@
-"""`hdagen diagnose --fail-above GAP --fail-on EFFECT`: conditions that end a diagnosis with an exit code of their own."""
+"""`hdagen diagnose --fail-above GAP --fail-on EFFECT`: conditions that a diagnosis is to fail on, with a code of their
+own."""
 
 from __future__ import annotations
 
@@ -79,9 +80,9 @@ def _find_fault(given: str, joints: Mapping[str, set[int]]) -> str:
 
     name, _, joint = given.partition("@")
     if name not in joints:
-        possible = join_nearest_names([name], sorted(joints))
+        nearest = join_nearest_names([name], sorted(joints))
         meant = suggest_name(name, joints)
-        return f"--fail-on {make_printable(given)}: no effect has this name{meant}; possible are {possible}."
+        return f"--fail-on {make_printable(given)}: no effect has this name{meant}; possible are {nearest}."
     possible = [str(number) for number in sorted(joints[name])]
     if "@" in given and joint not in possible:
         return (
