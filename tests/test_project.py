@@ -75,10 +75,18 @@ def checkout(folder: Path, setup: str, test: str) -> Callable[..., tuple[int, st
     programs.mkdir(parents=True)
     without_root = folder.parent / "bin"
     without_root.mkdir()
+    newest = f"""[ "$1" = -c ] && exec "{sys.executable}" "$@"
+[ "$1" = --version ] && echo "Python 3.13.99" && exit
+mkdir -p "$3/bin"
+for name in pip python hdagen; do
+    printf '#!/bin/sh\\necho "newest %s $1" >>"{calls}"\\n' $name >"$3/bin/$name"
+    chmod +x "$3/bin/$name"
+done"""
     for path, body in [
         *((programs / name, f'echo "{name} $*" >>"{calls}"') for name in PROGRAMS),
         (programs / "python", f'echo "python $1 $2" | head -n 1 >>"{calls}"'),
         (without_root / "id", "echo 1000"),
+        (without_root / "python3.13", newest),
     ]:
         path.write_text(f"#!/bin/sh\n{body}\n")
         path.chmod(0o755)
@@ -122,6 +130,12 @@ def test_ci_runs_the_readme_s_commands_then_lint_types_layout_and_the_wheel(tmp_
         "python -m pip",
         "python -m pip",
         "python -c ",
+        "python -c ",
+        "python -m hdagen",
+        "python --version ",
+        "newest pip install",
+        "newest python -m",
+        "newest hdagen build",
     ]
 
 

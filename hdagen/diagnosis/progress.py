@@ -39,15 +39,28 @@ SECOND_SEARCH_SHARE = 0.5  # the same when the second search begins, of a rigid 
 LEAST_SHARE_DONE = 0.05  # share of the time that has passed, from which the time left is printed
 
 
-class Progress:
-    """Prints each stage with the time and the time left, from any thread."""
+def print_stage(passed: float, words: str) -> None:
+    """Print a line to standard error, at once.
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self.clock, self.lock, self.started_at = clock, Lock(), clock()
+    Args:
+        passed: Time that has passed, s.
+        words: The stage, and the time left.
+
+    """
+    print(f"{passed:5.1f} s  {words}\n", end="", file=sys.stderr)
+
+
+class Progress:
+    """Shows each stage with the time that has passed and the time left, from any thread."""
+
+    def __init__(
+        self, show: Callable[[float, str], None] = print_stage, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.show, self.clock, self.lock, self.started_at = show, clock, Lock(), clock()
         self.share_done, self.search_offset, self.races = 0.0, 0.0, 0
 
     def __call__(self, stage: Stage) -> None:
-        """Print a line for a stage.
+        """Show a stage.
 
         Args:
             stage: that begins.
@@ -59,7 +72,7 @@ class Progress:
             left = ""
             if self.share_done >= LEAST_SHARE_DONE:
                 left = f", about {max(passed * (1.0 - self.share_done) / self.share_done, 1.0):.0f} s left"
-            print(f"{passed:5.1f} s  {stage.value}{left}\n", end="", file=sys.stderr)  # a line at once
+            self.show(passed, stage.value + left)
 
     def _enter_stage(self, stage: Stage) -> None:
         if stage is Stage.SPRINGS:

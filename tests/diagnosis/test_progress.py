@@ -33,7 +33,7 @@ END = 97.0
 def follow(stages: list[tuple[float, Stage]], capsys: pytest.CaptureFixture[str]) -> list[float | None]:
     """The seconds left that are printed at each stage."""
     now = [0.0]
-    progress = Progress(lambda: now[0])
+    progress = Progress(clock=lambda: now[0])
     for now[0], stage in stages:
         progress(stage)
     lines = capsys.readouterr().err.splitlines()
