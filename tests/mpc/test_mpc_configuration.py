@@ -17,7 +17,7 @@ from hdagen.mpc.configuration import Configuration, Wall, check_configuration, r
 from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, ConfigurationKey, format_key_table
 from hdagen.mpc.predictive_controller import MPC
 
-DOCS = Path(__file__).parents[2] / "docs" / "mpc.md"
+DOCS = Path(__file__).parents[2] / "docs" / "reference" / "controller_toml.md"
 
 
 def test_the_documented_keys_are_the_keys() -> None:
