@@ -15,6 +15,7 @@ from gen.model.arm_model import Model
 from gen.robot.load_robot import load
 
 SAMPLES = 601
+MOST_TICKS = 7
 RATIO = 100.0
 SLOW = 30.0  # rad/s
 STICKING = 0.5  # rad/s, width of the drawn sign of the speed
@@ -131,6 +132,8 @@ def effect_curve(effect: Effect) -> Curve:
     read = [name for name in RANGES if ca.depends_on(ca.vertcat(term, *rates), signals[name])]
     if effect.states:
         return _memory_curve(effect, term, signals, states, rates)
+    if not read and effect.port is Port.FRICTION:
+        return _dry_friction(values["coulomb_friction"])
     if not read:
         return _amplitude_line(effect, values)
     name = read[0]
@@ -232,6 +235,12 @@ def _step_answer(effect: Effect, values: Mapping[str, float]) -> Curve:
     return Curve(1e3 * t, arrived, "time, ms", "current / command (dashed)", command)
 
 
+def _dry_friction(level: float) -> Curve:
+    """The torque of dry friction with a constant level."""
+    speed = np.linspace(-SLOW, SLOW, SAMPLES)
+    return Curve(speed, -level * np.tanh(speed / STICKING), RANGES["motor_velocity"][2], "friction torque, N m")
+
+
 def _spring_line(values: Mapping[str, float]) -> Curve:
     """The torque of a linear spring that a rigid drive lacks."""
     torsion = np.linspace(-2e-3, 2e-3, 3)
@@ -276,7 +285,8 @@ def draw_curve(curve: Curve) -> str:
     low, high = min(map(np.min, every)), max(map(np.max, every))
     margin = 0.06 * (high - low) or max(abs(high), 1.0)
     xs, ys = (float(curve.x.min()), float(curve.x.max())), (float(low - margin), float(high + margin))
-    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}"><style>{STYLE}</style>']
+    size = f'width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}"'
+    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" {size}><style>{STYLE}</style>']
     parts.append(f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#fff"/>')
     for value in axis_ticks(*xs):
         x = _pixel_across(value, xs)
@@ -298,7 +308,7 @@ def draw_curve(curve: Curve) -> str:
 
 
 def axis_ticks(low: float, high: float) -> list[float]:
-    """Three to six round values within a range.
+    """Round values within a range, no more than `MOST_TICKS`.
 
     Args:
         low: Lower end.
@@ -308,14 +318,12 @@ def axis_ticks(low: float, high: float) -> list[float]:
         The values, ascending.
 
     """
-    step = 10.0 ** np.floor(np.log10((high - low) / 2))
-    steps = (step, step / 2, step / 5) if (high - low) / step < 4 else (step,)
-    for one in steps:
-        first = np.ceil(low / one - 1e-9)
-        ticks = [float(one * (first + k)) for k in range(40) if one * (first + k) <= high + 1e-9 * one]
-        if len(ticks) >= 3:
+    decade = 10.0 ** np.floor(np.log10(high - low) - 1)
+    for step in (factor * decade for factor in (1, 2, 5, 10, 20, 50)):
+        first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
+        if last - first < MOST_TICKS:
             break
-    return ticks[:: 1 + len(ticks) // 7]
+    return [float(step * k) for k in range(first, last + 1)]
 
 
 def _format_tick(value: float) -> str:
