@@ -407,7 +407,7 @@ def tracked() -> list[Path]:
 
 def test_the_top_of_the_repository(tracked: list[Path]) -> None:
     top = {path.relative_to(ROOT).parts[0] for path in tracked}
-    files = {"pyproject.toml", "README.md", "LICENSE", "CITATION.cff", "CHANGELOG.md", "MANIFEST.in"}
+    files = {"pyproject.toml", "README.md", "LICENSE", "CITATION.cff", "CHANGELOG.md", "CONTRIBUTING.md", "MANIFEST.in"}
     assert {entry for entry in top if not entry.startswith(".")} == {"gen", "hdagen", "tests", "docs", *files}
     made = ["build/arm-0/hda.h", ".venv/bin/python", "gen/__pycache__/build.pyc", "hdagen.egg-info/PKG-INFO"]
     ignored = subprocess.run(["git", "check-ignore", *made], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""The table of gains between the two markers in docs/control.md; `python -m gen.builder.gains_table` prints it."""
+"""The table of gains of docs/guides/control.md, between its markers; `python -m gen.builder.gains_table` prints it."""
 
 from __future__ import annotations
 

@@ -266,7 +266,7 @@ def _parameters_section(report: Report) -> page.Section:
     columns = ("effect", "quantity", "unit", "cases", "error, median (%)", "largest (%)", "within 2 std (%)")
     text = (
         "True against found, of the effects that were named right. Reality has other formulas than the dictionary "
-        "(docs/blind.md), so that a shape has no exact counterpart; orders and times have."
+        "(docs/method/blind_check.md), so that a shape has no exact counterpart; orders and times have."
     )
     return page.Section(
         "Orders, time constants and shapes", text, [figure.draw_table("Parameters", columns, rows, digits=3)]
@@ -275,7 +275,7 @@ def _parameters_section(report: Report) -> page.Section:
 
 def _cases_section(report: Report) -> page.Section:
     columns = [*CASE_COLUMNS]
-    size = "in multiples of the typical one (docs/blind.md)"
+    size = "in multiples of the typical one (docs/method/blind_check.md)"
     rows = [_case_cells(row) for row in report.rows]
     brackets = ""
     if report.asked.kind == "joint":

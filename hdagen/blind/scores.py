@@ -189,7 +189,7 @@ def score_case(
     try:
         read = _read_diagnosis(split_unknown(truth)[0], optional, said)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        return Row(**known, failed=f"diagnosis.json is not as docs/diagnosis.md says: {type(error).__name__} {error}")
+        return Row(**known, failed=f"diagnosis.json is not as diagnosis_json.md says: {type(error).__name__} {error}")
     gaps = {key: result[key] for key in GAP_KEYS if result.get(key) is not None}
     return Row(**known | read | gaps)
 

@@ -22,7 +22,7 @@ REPLAY_EXAMPLE = """example:
   hdagen replay emps DATA_EMPS.mat --columns docs/examples/emps/columns.toml --out predicted.csv
   hdagen replay robot.toml log.parquet --with diagnosis-log/diagnosis.json --out after.parquet
 
-exit codes: 0 done, 2 usage or configuration, 3 data unusable; docs/replay.md says what is simulated and from where"""
+exit codes: 0 done, 2 usage or configuration, 3 data unusable; see docs/method/prediction.md"""
 DONE, USAGE, UNUSABLE = 0, 2, 3
 
 

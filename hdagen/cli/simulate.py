@@ -38,7 +38,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     p.add_argument("--built", action="store_true", help="ROBOT is the folder of a build, whose compiled code is run")
     p.add_argument("--controller", choices=CONTROLLERS, default="impedance_cartesian")
-    p.add_argument("--config", default=None, metavar="controller.toml", help="of --controller mpc; see docs/mpc.md")
+    p.add_argument("--config", default=None, metavar="controller.toml", help="of --controller mpc: docs/guides/mpc.md")
     p.add_argument(
         "--gain",
         action="append",

@@ -1,7 +1,7 @@
 """Controllers: a compiled law inside its guard, tick by tick.
 
 A tick always leaves a whole, legal torque vector; faults come back as a status, never as an exception. This is not a
-safety-rated function: use it behind a certified stop (docs/safety.md).
+safety-rated function: use it behind a certified stop (docs/project/safety.md).
 """
 
 from __future__ import annotations

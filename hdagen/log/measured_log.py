@@ -1,4 +1,4 @@
-"""A measured or simulated log: samples row by row, checked, in SI, under the names of docs/log.md."""
+"""A measured or simulated log: samples row by row, checked, in SI, under the names of docs/guides/bring_your_log.md."""
 
 from __future__ import annotations
 

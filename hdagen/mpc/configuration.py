@@ -103,7 +103,7 @@ def read_configuration(path: str | Path) -> Configuration:
 
     """
     try:
-        content = read_toml(Path(path), MOST_CONFIGURATION_BYTES, "see docs/mpc.md for what a controller.toml holds")
+        content = read_toml(Path(path), MOST_CONFIGURATION_BYTES, "see docs/reference/controller_toml.md")
     except InputFileError as error:
         raise PlantError(error) from None
     return check_configuration(content, show_path(path))

@@ -1,7 +1,7 @@
 """The predictive controller, tick by tick: `MPC(arm, configuration).tick(now, path, …)`.
 
 A tick always leaves a whole, legal torque; faults come back as a status, never as an exception. Not a safety-rated
-function: use it behind a certified stop (docs/safety.md, docs/mpc.md).
+function: use it behind a certified stop (docs/project/safety.md, docs/guides/mpc.md).
 """
 
 from __future__ import annotations

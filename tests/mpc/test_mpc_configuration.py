@@ -18,7 +18,7 @@ from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, ConfigurationKey
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.mpc.wall import Wall
 
-DOCS = Path(__file__).parents[2] / "docs" / "mpc.md"
+DOCS = Path(__file__).parents[2] / "docs" / "reference" / "controller_toml.md"
 
 
 def test_the_documented_keys_are_the_keys() -> None:

@@ -239,8 +239,8 @@ def test_canonical_is_json_and_knows_no_place() -> None:
 
 
 def test_the_reference_is_current() -> None:
-    assert (ROOT / "docs/robot.md").read_text(encoding="utf-8") == write_document(), (
-        "python -m gen.robot.schema > docs/robot.md"
+    assert (ROOT / "docs/reference/robot_toml.md").read_text(encoding="utf-8") == write_document(), (
+        "python -m gen.robot.schema > docs/reference/robot_toml.md"
     )
 
 
