@@ -9,11 +9,15 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from hdagen.cli.completion import add_completion_option
 from hdagen.support.version import __version__
 
-COMMANDS = ("demo", "simulate", "replay", "diagnose", "adopt", "excite", "mpc", "bench", "blind", "paper")
+COMMANDS = (
+    *("build", "check", "list", "describe", "doctor"),
+    *("demo", "simulate", "replay", "diagnose", "adopt", "excite", "mpc", "bench", "blind", "paper"),
+)
 DONE, BAR_MISSED, USAGE, UNUSABLE, UNFORESEEN_ERROR, INTERRUPTED, OUTPUT_CLOSED = 0, 1, 2, 3, 4, 130, 141
 TRACEBACK_VARIABLE = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
 
@@ -27,6 +31,18 @@ class Parser(argparse.ArgumentParser):
 
         super().error(make_printable(message))
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is none of the choices, and suggest the nearest."""
+        if action.choices is None or value in action.choices:
+            return
+        from hdagen.support.messages import join_names, show_value, suggest_name
+
+        names = [str(name) for name in action.choices]
+        meant, possible = suggest_name(str(value), names), f"possible are {join_names(names)}; choose one of these."
+        if isinstance(action, argparse._SubParsersAction):
+            raise argparse.ArgumentError(None, f"there is no command {show_value(value)}{meant}; {possible}")
+        raise argparse.ArgumentError(action, f"found {show_value(value)}{meant}, {possible}")
+
 
 def build_parser() -> argparse.ArgumentParser:
     """Build the parser, with the arguments of every command."""
@@ -35,11 +51,12 @@ def build_parser() -> argparse.ArgumentParser:
         description="Robot arms with harmonic drives: a compiled model that simulates, controls and replays logs.",
         epilog=(
             "exit codes: 0 done, 1 a stated bar failed, 2 usage, configuration or no place to write, 3 data unusable,"
-            f" 4 an error that hdagen did not foresee ({TRACEBACK_VARIABLE}=1 shows where), 130 interrupted, 141 nobody"
-            " reads what is printed"
+            f" 4 an error that hdagen did not foresee ({TRACEBACK_VARIABLE}=1 shows where), 5 a condition of `hdagen"
+            " diagnose --fail-above` or `--fail-on` is met, 130 interrupted, 141 nobody reads what is printed"
         ),
     )
     top.add_argument("--version", action="version", version=f"hdagen {__version__}")
+    add_completion_option(top)
     commands = top.add_subparsers(dest="command", required=True, metavar=" | ".join(COMMANDS))
     for name in COMMANDS:
         importlib.import_module(f"hdagen.cli.{name}").add_parser(commands)
@@ -68,6 +85,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _end_command(OUTPUT_CLOSED, "")
     except OSError as error:
         return _end_command(USAGE, _explain_os_error(error))
+    except ImportError as error:
+        if os.environ.get(TRACEBACK_VARIABLE):
+            raise
+        return _end_command(USAGE, f"a package cannot be loaded ({error}); `hdagen doctor` says what is missing.")
     except MemoryError:
         return _end_command(UNUSABLE, "there is not enough memory; give a shorter log, or fewer machines at a time.")
     except Exception as error:
@@ -84,20 +105,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run_command(arguments: Sequence[str] | None) -> int:
     """Run a command; errors that it foresees go to standard error."""
     options = build_parser().parse_args(arguments)
+    try:
+        return int(importlib.import_module(f"hdagen.cli.{options.command}").run(options))
+    except Exception as error:
+        code = _judge_error(error)
+        if code is None:
+            raise
+        print(error, file=sys.stderr)
+        return code
+
+
+def _judge_error(error: Exception) -> int | None:
+    """The exit code of an error that commands foresee; None for any other error."""
     from hdagen.arm.build_loader import PlantError
+
+    if isinstance(error, PlantError):
+        return USAGE
+    if isinstance(error, OSError | MemoryError | ImportError):
+        return None
     from hdagen.log.column_map import ColumnsError
     from hdagen.log.data_table import LogError
 
-    try:
-        return int(importlib.import_module(f"hdagen.cli.{options.command}").run(options))
-    except PlantError as error:
-        print(error, file=sys.stderr)
+    if isinstance(error, ColumnsError):
         return USAGE
-    except LogError as error:
-        print(error, file=sys.stderr)
-        if isinstance(error, ColumnsError):
-            return USAGE
+    if isinstance(error, LogError):
         return UNUSABLE
+    return None
 
 
 def _explain_os_error(error: OSError) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 from gen.presets import find_presets
 from gen.robot.description import RobotError
-from gen.robot.value_reader import show_value
+from gen.robot.value_reader import show_value, suggest_nearest
 
 LARGEST = 1_000_000  # bytes of a file
 # 64 parts of one key, which take time with the square of their number: no robot has a use for them
@@ -39,7 +39,8 @@ def read_robot(file: Path, label: str) -> bytes:
         with file.open("rb") as stream:
             raw = stream.read(LARGEST + 1)
     except (FileNotFoundError, ValueError):  # a zero byte is in no name
-        raise RobotError([f"{label}: found no such file, {possible}; correct the name."]) from None
+        meant = suggest_nearest(label, find_presets())
+        raise RobotError([f"{label}: found no such file{meant}, {possible}; correct the name."]) from None
     except OSError as problem:
         why = f"found a file that cannot be read ({problem.strerror})"
         raise RobotError([f"{label}: {why}, {possible}; check name and rights."]) from None

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from hdagen.adoption.diagnosis_schema import upgrade_content
 from hdagen.arm.build_loader import PlantError
 from hdagen.support.input_file import InputFileError, read_json
 from hdagen.support.messages import make_printable, show_path, show_value
@@ -21,7 +22,7 @@ def read_content(path: Path) -> Mapping[str, Any]:
         path: The file.
 
     Returns:
-        An object whose numbers are all finite.
+        An object whose numbers are all finite; one of an earlier schema has the keys of the present one.
 
     Raises:
         PlantError: The file cannot be read, or a number in it is not finite.
@@ -37,7 +38,7 @@ def read_content(path: Path) -> Mapping[str, Any]:
         )
     if (where := next(find_infinite(content), None)) is not None:
         raise PlantError(f"{show_path(path)}{make_printable(where):.200}")
-    return content
+    return upgrade_content(content)
 
 
 def find_infinite(content: Mapping[str, Any]) -> Iterator[str]:

@@ -6,24 +6,18 @@ import hashlib
 import importlib.util
 import json
 import os
-import signal
-import subprocess
-import sys
 import sysconfig
-import tempfile
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from hdagen.support.child_processes import start_child_process
+from hdagen.arm.generator import run_generator
 from hdagen.support.messages import make_printable
 from hdagen.support.ownership import find_other_writer
 
 MANIFEST_SCHEMA = 1
 BUILD_PROFILES = ("portable", "native")
 MOST_PATH_BYTES = 4096  # bytes of a path
-INTERRUPT_PATIENCE = 5.0  # s that an interrupted build has to remove its files
 MOST_ERROR_LINES = 200  # lines of an error
 
 
@@ -94,7 +88,7 @@ def find_or_build(
     if isinstance(effects, str):
         raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
     folder = find_build_folder(out)
-    _refuse_other_writers(folder)
+    refuse_other_writers(folder)
     if mpc and (problems := mpc.find_incompatibilities(json.loads("\n".join(_run_gen("describe", "--", name))))):
         raise PlantError("\n".join(problems))
     structure = ""
@@ -143,8 +137,16 @@ def _make_private_folder(folder: Path) -> None:
         folder.mkdir(mode=0o700, exist_ok=True)
 
 
-def _refuse_other_writers(path: Path) -> None:
-    """Raises PlantError where another user could have written ``path``."""
+def refuse_other_writers(path: Path) -> None:
+    """Refuse to run code from a place that another user could have written.
+
+    Args:
+        path: A file or folder.
+
+    Raises:
+        PlantError: Another user may write there, or the place cannot be looked at.
+
+    """
     try:
         why = find_other_writer(path)
     except (OSError, RuntimeError) as error:
@@ -173,43 +175,12 @@ def find_stable_settings(robot: Path) -> tuple[float, tuple[float, ...]]:
     return said["step"], tuple(said["friction_smoothing"])
 
 
-def _run_gen(*arguments: str) -> list[str]:
-    """Run `python -m gen` in a child process and return the lines that it prints.
-
-    Its messages on a build are passed on to standard error. Raises PlantError.
-    """
-    command = [sys.executable, "-P", "-m", "gen", *arguments]
-    beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))))
-    # its output goes to a file: of two pipes of which only one is read, each can wait for the other
-    with (
-        tempfile.TemporaryFile("w+") as printed,
-        start_child_process(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=printed,
-            stderr=subprocess.PIPE,
-            text=True,
-            errors="replace",
-            env={**os.environ, "PYTHONPATH": beside},
-        ) as child,
-    ):
-        said = []
-        try:
-            for line in child.stderr or ():
-                said.append(line.rstrip())
-                if line.startswith("building"):
-                    print(line.rstrip(), file=sys.stderr, flush=True)
-            child.wait()
-        except KeyboardInterrupt:
-            child.send_signal(signal.SIGINT)
-            with suppress(subprocess.TimeoutExpired):
-                child.wait(INTERRUPT_PATIENCE)
-            raise
-        printed.seek(0)
-        lines = printed.read().splitlines()
-    if child.returncode or not lines:
-        raise PlantError("\n".join(said) or f"the build of {arguments[-1]} failed without a word.")
-    return lines
+def _run_gen(*arguments: str) -> tuple[str, ...]:
+    """Run `python -m gen` in a child process and return the lines that it prints. Raises PlantError."""
+    done = run_generator(*arguments)
+    if done.code or not done.lines:
+        raise PlantError("\n".join(done.messages) or f"the build of {arguments[-1]} failed without a word.")
+    return done.lines
 
 
 def advise_rebuild(folder: Path) -> str:
@@ -239,7 +210,7 @@ def open_build(folder: Path) -> tuple[dict[str, Any], Any]:
 
     """
     again = advise_rebuild(folder)
-    _refuse_other_writers(folder / "manifest.json")
+    refuse_other_writers(folder / "manifest.json")
     own = folder.resolve()  # the checked folder, even if a symbolic link changes afterwards
     try:
         manifest = json.loads((own / "manifest.json").read_text(encoding="utf-8"))
@@ -259,7 +230,7 @@ def open_build(folder: Path) -> tuple[dict[str, Any], Any]:
         path = own / file
         if Path(file).name != file or not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
             raise PlantError(f"{folder}: {file} is missing or not what was built; {again}")
-    _refuse_other_writers(own / name)
+    refuse_other_writers(own / name)
     missing = [flag for flag in manifest.get("cpu", ()) if flag not in _read_cpu_flags()]
     if missing:
         raise PlantError(

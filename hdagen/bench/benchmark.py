@@ -20,8 +20,10 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError, find_build_folder
 from hdagen.arm.compiled_arm import Arm, load
+from hdagen.arm.preset_files import find_preset_files
 from hdagen.bench.host_computer import describe_machine
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.prediction.measurement_model import count_mechanical_states
 from hdagen.support.child_processes import start_child_process
 
@@ -293,7 +295,7 @@ def _measure_accuracy(rounds: int) -> dict[str, Array]:
 
 def _write_bristle_robot(path: Path, joints: int) -> Path:
     """The robot file of the plain model with all of its dry friction on bristles, written to ``path``."""
-    plain = Path(__file__).parents[2] / "gen" / "presets" / "paper_table1.toml"
+    plain = find_preset_files()["paper_table1"]
     effect = '[[effect]]\nname = "presliding_friction"\njoint = {}\npresliding_share = 1.0\n'
     path.write_text("\n".join([plain.read_text(), *(effect.format(j) for j in range(1, joints + 1))]))
     return path

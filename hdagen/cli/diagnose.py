@@ -5,13 +5,20 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shlex
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from hdagen.cli.diagnosis_progress import show_progress
+from hdagen.cli.failure_conditions import (
+    CONDITION_MET,
+    add_failure_options,
+    check_failure_options,
+    find_met_conditions,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,10 +31,12 @@ DIAGNOSE_EXAMPLE = """example:
   hdagen diagnose robot.toml log.parquet --hold-out other.parquet --out diagnosis-log
   hdagen diagnose robot.toml monday.parquet tuesday.parquet
   hdagen diagnose --fleet fleet.toml
+  hdagen diagnose robot.toml log.parquet --fail-above 2.5 --fail-on payload@2
 
 writes diagnosis.json and report.html; `hdagen replay --with` and `hdagen adopt` take the former. With --fleet: a folder
 for each [[machine]] of fleet.toml, fleet.json and fleet.html.
-exit codes: 0 done, 2 usage or configuration, 3 data unusable; docs/diagnosis.md says how it decides"""
+exit codes: 0 done, 2 usage or configuration, 3 data unusable, 5 a condition of --fail-above or --fail-on is met; then
+standard error says which. docs/method/index.md says how it decides"""
 DONE, USAGE, UNUSABLE = 0, 2, 3
 THREADS_PER_DIAGNOSIS = 2  # that one diagnosis keeps busy
 
@@ -56,6 +65,8 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--jobs", type=int, metavar="J", help="machines of a fleet at the same time (default: half the cores)"
     )
+    add_failure_options(p)
+    p.add_argument("-v", "--verbose", action="store_true", help="print every step of the search")
     p.add_argument("--json", action="store_true", help="print diagnosis.json or fleet.json, with where the page is")
 
 
@@ -120,52 +131,41 @@ def _make_folder(out: Path) -> Iterator[Path]:
 
 def _diagnose_machine(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.pipeline import diagnose
-    from hdagen.diagnosis.progress import Progress
-    from hdagen.diagnosis.report import report_page
     from hdagen.diagnosis.report.sentences import write_verdict
+    from hdagen.diagnosis.stages.stage import Stage
     from hdagen.log.measured_log import check_log_file, read
-    from hdagen.support.atomic_write import write_atomically
     from hdagen.support.heap_memory import tune_malloc
 
     for path in (*options.logs, *(options.hold_out or ())):
         check_log_file(path)
+    check_failure_options(options, [options.robot])
     with _make_folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
         logs = [read(path, columns=options.columns, holes=True) for path in options.logs]
         held = [read(path, columns=options.columns, holes=True) for path in options.hold_out or ()]
-        say = Progress()
         tune_malloc()
-        found = diagnose(options.robot, logs, held, say)
-        say("report")
-        text = json.dumps(found.content, indent=1, allow_nan=False) + "\n"
-        write_atomically(out / "diagnosis.json", text.encode())
-        report_page.write_report(found, out / "report.html", _format_commands(options, found.content))
+        with show_progress(options.verbose) as progress:
+            found = diagnose(options.robot, logs, held, on_stage=progress)
+            progress(Stage.REPORT)
+            found.save(out, options.columns)
     said = write_verdict(found.content)
     if options.json:
         beside = {"sentence": said, "left_out": list(found.failures), "page": str(out / "report.html")}
         print(json.dumps(found.content | beside, indent=1))
-        return DONE
-    print(said)
-    for failure in found.failures:
-        print(failure)
-    print(out / "report.html")
-    return 0
+    else:
+        print(said)
+        for failure in found.failures:
+            print(failure)
+        print(out / "report.html")
+    return _judge_conditions(list(find_met_conditions(options, found.content)))
 
 
-def _format_commands(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
-    """The commands that repeat the diagnosis and use it, as a shell takes them."""
-    robot, mapped, held = shlex.quote(str(options.robot)), "", ""
-    if options.columns:
-        mapped = f" --columns {shlex.quote(str(options.columns))}"
-    if options.hold_out:
-        held = f" --hold-out {shlex.join(map(str, options.hold_out))}"
-    motion = shlex.quote(str((options.hold_out or options.logs)[0]))
-    digest = content["robot"]["identity"]
-    return (
-        f"    hdagen diagnose {robot} {shlex.join(map(str, options.logs))}{held}{mapped}\n"
-        f"    hdagen replay {robot} {motion}{mapped} --with diagnosis.json --out predicted.parquet\n"
-        f"    hdagen adopt diagnosis.json {robot} --out robot.new.toml\n\n"
-        f"The robot's identity, of its numbers alone, is {digest}. The same input gives the same diagnosis."
-    )
+def _judge_conditions(met: Sequence[str]) -> int:
+    """Print the conditions that are met, in sentences; return the exit code."""
+    for sentence in met:
+        print(sentence, file=sys.stderr)
+    if met:
+        return CONDITION_MET
+    return DONE
 
 
 def _diagnose_fleet(options: argparse.Namespace) -> int:
@@ -173,6 +173,7 @@ def _diagnose_fleet(options: argparse.Namespace) -> int:
     from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page
 
     machines = fleet_file.read_fleet(options.fleet)
+    check_failure_options(options, [machine.robot for machine in machines])
     with _make_folder(options.out or Path(f"diagnosis-{options.fleet.stem}")) as out:
         jobs = options.jobs or max((os.cpu_count() or 1) // THREADS_PER_DIAGNOSIS, 1)
         begun = time.monotonic()
@@ -192,7 +193,9 @@ def _diagnose_fleet(options: argparse.Namespace) -> int:
         return USAGE
     if fleet_diagnosis.Status.REFUSED in ended:
         return UNUSABLE
-    return DONE
+    found = ((one.machine.name, one.diagnosis) for one in results if one.diagnosis)
+    met = [f"{name}: {words}" for name, content in found for words in find_met_conditions(options, content)]
+    return _judge_conditions(met)
 
 
 def _print_fleet(results: Sequence[MachineResult], out: Path) -> None:

@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.adoption.diagnosis_file import MOST_DIAGNOSIS_BYTES, find_infinite
+from hdagen.adoption.diagnosis_schema import SCHEMA as DIAGNOSIS_SCHEMA
+from hdagen.adoption.diagnosis_schema import upgrade_content
 from hdagen.arm.arrays import is_number
 from hdagen.fleet.fleet_file import FleetMachine
 from hdagen.support.atomic_write import write_atomically
@@ -30,7 +32,7 @@ from hdagen.support.input_file import InputFileError, read_json
 from hdagen.support.version import __version__
 
 DIAGNOSE_COMMAND = (sys.executable, "-P", "-m", "hdagen", "diagnose")
-SCHEMA = 1
+FLEET_SCHEMA = 1
 _MOST_MACHINE_BYTES = 1_000_000  # bytes of a machine.json
 _PROGRESS_PATTERN = re.compile(r"\s*[\d.]+ s  |building ")  # lines that the command writes on its way
 _UNUSABLE_EXIT_CODE = 3  # exit code of a log that is refused
@@ -151,14 +153,10 @@ def _read_diagnosis(folder: Path) -> dict[str, Any]:
     """
     path = folder / "diagnosis.json"
     found = read_json(path, MOST_DIAGNOSIS_BYTES, "diagnose again")
-    if (
-        not isinstance(found, dict)
-        or found.get("schema") != SCHEMA
-        or not _is_complete(found)
-        or any(find_infinite(found))
-    ):
-        raise ValueError(f"{path}: is no diagnosis of schema {SCHEMA}")
-    return found
+    content = dict(upgrade_content(found)) if isinstance(found, dict) else {}
+    if content.get("schema") != DIAGNOSIS_SCHEMA or not _is_complete(content) or any(find_infinite(content)):
+        raise ValueError(f"{path}: is no diagnosis of schema {DIAGNOSIS_SCHEMA}")
+    return content
 
 
 def _is_complete(found: Mapping[str, Any]) -> bool:
@@ -257,7 +255,7 @@ def summarize_fleet(results: Sequence[MachineResult]) -> dict[str, Any]:
                 effects.setdefault(effect, []).append(one.machine.name)
     ended = Counter(one.status for one in results)
     return {
-        "schema": SCHEMA,
+        "schema": FLEET_SCHEMA,
         "version": __version__,
         "counts": {status.value: ended[status] for status in Status},
         "effects": dict(sorted(effects.items(), key=lambda item: (-len(item[1]), item[0]))),

@@ -22,7 +22,7 @@ from hdagen.paper.prototype.figure_result import Result
 from hdagen.support.atomic_write import write_atomically
 from hdagen.support.input_file import InputFileError, read_json
 
-SCHEMA = 1
+FIGURE_SCHEMA = 1
 LARGEST_JSON = 10_000_000  # bytes of a figure's JSON
 SECTIONS_FOLDER = "sections"  # folder of the page's sections
 
@@ -59,7 +59,7 @@ def read_finished(folder: Path, name: str, came_from: str) -> dict[str, Any] | N
     """
     try:
         content = read_json(folder / f"{name}.json", LARGEST_JSON, "make it again")
-        same = content["schema"] == SCHEMA and content["inputs"] == came_from
+        same = content["schema"] == FIGURE_SCHEMA and content["inputs"] == came_from
         kept = same and all(digest_file(folder / file) == digest for file, digest in content["files"].items())
     except (InputFileError, OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
@@ -104,7 +104,7 @@ def store_figure(folder: Path, result: Result, came_from: str, seconds: float) -
             files[file] = text
             write_atomically(folder / file, text)
         content = {
-            "schema": SCHEMA, "name": result.name, "title": result.title, "text": result.text,
+            "schema": FIGURE_SCHEMA, "name": result.name, "title": result.title, "text": result.text,
             "claims": [as_json_value(asdict(claim)) for claim in result.claims],
             "choices": [asdict(choice) for choice in result.choices],
             "numbers": as_json_value(result.numbers), "logs": logs, "inputs": came_from, "seconds": round(seconds, 2),

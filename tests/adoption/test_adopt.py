@@ -200,7 +200,7 @@ ROBOT = {"name": "test arm", "sha256": hashlib.sha256(arms.SMALL.encode()).hexdi
         ({"robot": {**ROBOT, "sha256": "0" * 64}}, "knows its robot file by its bytes alone"),
         ({"robot": {**ROBOT, "identity": "0" * 64}}, "has changed since"),
         ({"robot": "test arm"}, "an object with name and sha256"),
-        ({"schema": 2}, "schema is 2"),
+        ({"schema": 3}, "schema is 3"),
         ({"parameters": {"mass_1": {"value": math.inf}}}, "possible is a finite number"),
         ({"parameters": {"mass_1": {"value": math.nan}}}, "possible is a finite number"),
         ({"parameters": {"mass_3": 1.0}}, "no parameter mass_3"),

@@ -64,7 +64,7 @@ def test_gravity_may_lean_a_little_even_where_the_robot_file_states_none(
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"schema": 2}, "schema is 2, possible is 1"),
+        ({"schema": 3}, "schema is 3, possible are 1 and 2"),
         ({"schema": True}, "schema is True"),
         ({"verdict": "stribeck"}, "possible is a list of effects"),
         ({"verdict": ["stribeck_friction"]}, "possible is name@joint"),

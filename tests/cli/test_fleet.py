@@ -49,11 +49,11 @@ if word == "fail":
     print("the build failed.", file=sys.stderr)
     sys.exit(2)
 if word == "half":
-    (o.out / "diagnosis.json").write_text('{"schema": 1, "verd')
+    (o.out / "diagnosis.json").write_text('{"schema": 2, "verd')
     sys.exit(0)
 chance = 0.9 if rest else 0.6
 found = {
-    "schema": 1, "verdict": rest, "sure": bool(rest),
+    "schema": 2, "verdict": rest, "sure": bool(rest),
     "gap": {"before": 8.0 if rest else 1.1, "after": 1.5 if rest else 1.1, "floor": 1.0, "shrink": 0.93},
     "causes": [{"effect": "stribeck_friction", "joint": 2, "probability": chance if rest else 0.01},
                {"effect": "payload", "joint": 2, "probability": 0.02}],

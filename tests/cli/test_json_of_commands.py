@@ -1,4 +1,4 @@
-"""What README says of all commands of hdagen: each takes --json, and prints JSON with it; --version; ROBOT."""
+"""The claims of docs/reference/commands.md: each command takes --json, and prints JSON with it; --version; ROBOT."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from hdagen.__main__ import COMMANDS, build_parser, main
 from hdagen.blind import blind_page, blind_report
 from hdagen.blind import sealed_check as blind_run
 from hdagen.diagnosis import pipeline
+from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.report import report_page
 from hdagen.fleet import fleet_diagnosis, fleet_page
 from hdagen.support.version import __version__
@@ -31,7 +32,7 @@ def commands() -> dict[str, argparse.ArgumentParser]:
 
 
 def test_every_command_takes_json_and_shows_an_example() -> None:
-    assert "those of `hdagen` take\n`--json`" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "those\nof `hdagen` take `--json`" in (ROOT / "docs/reference/commands.md").read_text(encoding="utf-8")
     assert tuple(commands()) == COMMANDS
     for name, command in commands().items():
         assert "--json" in command._option_string_actions, name
@@ -57,7 +58,7 @@ FOUND = {
     "hypotheses": [{"effects": [], "probability": 1.0}],
     "causes": [],
     "parameters": {},
-    "tolerated": [],
+    "nuisance_effects": [],
     "small": [],
     "remains": [],
     "moments": [],
@@ -76,8 +77,9 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "log.csv").write_text("\n".join(["time,motor_torque_1,joint_position_1", *rows]) + "\n")
     (tmp_path / "fleet.toml").write_text('[[machine]]\nrobot = "robot.toml"\nlog = "log.csv"\n')
     monkeypatch.chdir(tmp_path)
-    found = SimpleNamespace(content=FOUND, failures=("a stage failed.",))
-    monkeypatch.setattr(pipeline, "diagnose", lambda *_: found)
+    result: Any = SimpleNamespace(content=FOUND, failures=("a stage failed.",))
+    found = Diagnosis(result, "robot.toml", ("log.csv",), ())
+    monkeypatch.setattr(pipeline, "diagnose", lambda *_, on_stage: found)
     monkeypatch.setattr(report_page, "write_report", lambda *_: None)
     return tmp_path
 

@@ -13,7 +13,8 @@ import scipy.stats
 from hdagen.__main__ import main
 from hdagen.adoption import verdict
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts
+from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import (
     compute_evidence_gain,
     compute_presence_probability,
@@ -184,7 +185,7 @@ def test_a_made_log_names_its_effect_and_closes_the_gap(data_dir: Path, tmp_path
     assert found["gap"]["after"] < 0.1 * found["gap"]["before"]
     assert sum(h["probability"] for h in found["hypotheses"]) == pytest.approx(1.0)
     assert verdict.read_verdict(found).effects[0].name == "coulomb_friction"
-    gap, alone = found["gap"], [rung["gap"] for rung in found["ladder"] if not rung["effects"]]
-    assert gap["achievable"] <= min(one["gap"] for one in (*found["ladder"], *found["tolerated"]))
+    gap, alone = found["gap"], [rung["gap"] for rung in found["ranking"] if not rung["effects"]]
+    assert gap["achievable"] <= min(one["gap"] for one in (*found["ranking"], *found["nuisance_effects"]))
     assert gap["achievable"] <= gap["flexible"] <= min(alone)
     assert (tmp_path / "report.html").stat().st_size < 5_000_000

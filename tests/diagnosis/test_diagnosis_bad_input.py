@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 from replayed import FLEXIBLE, simulated
 from test_result_shapes import CHANNEL, FRICTION, content
 
@@ -102,7 +103,7 @@ def test_a_contradiction_is_said_with_its_reason_and_what_would_tell(verdict: li
     assert say_contradiction(why) in said and "95 % of its own gap and leaves 102 % of the hold-out's" in said
     assert "do not seem to be of the same machine" in said and "hdagen excite" in said
     assert ("coulomb friction on joint 1" in say_contradiction(why)) is bool(verdict)
-    assert explain_confounding(shown).startswith(
+    assert explain_confounding(EFFECTS, shown).startswith(
         "No effect is named; the log alone says: coulomb friction on joint 1 (0.80)"
     )
 
@@ -229,7 +230,7 @@ def other_machine(robot: TwoJointArm) -> list[dict[str, float]]:
 def test_a_hold_out_of_another_machine_of_the_type_is_no_judge(robot: Path) -> None:
     own = log(draw_true_parameters(ROBOT, 5), draw_rich_motion(1, 8.0), 1)
     other = log(other_machine(ROBOT), draw_rich_motion(2, 6.0), 2)
-    said = diagnose(robot, [own], [other], lambda _: None).content
+    said = diagnose(robot, [own], [other]).content
     assert said["verdict"] == [] and not said["sure"] and said["parameters"] == {}
     assert said["contradicted"]["verdict"] == ["torque_ripple@1"]
     assert say_contradiction(said["contradicted"]) in said["data"]["warnings"]
@@ -240,7 +241,7 @@ def test_a_joint_that_does_not_move_takes_nothing_from_the_other(robot: Path) ->
     motion = draw_rich_motion(1, 8.0)
     path, speed = motion.position * [1.0, 0.0], motion.velocity * [1.0, 0.0]
     own = log(draw_true_parameters(ROBOT, 5), Motion(motion.time, path, speed, 0.0 * motion.force), 1)
-    said = diagnose(robot, [own], [], lambda _: None).content
+    said = diagnose(robot, [own]).content
     assert said["verdict"] == ["torque_ripple@1"] and said["data"]["still"] == [2]
     friction = {f"{name}_friction@2" for name in ("coulomb", "viscous", "stribeck", "asymmetric", "load_dependent")}
-    assert friction <= set(said["unseen"])
+    assert friction <= set(said["undetectable"])

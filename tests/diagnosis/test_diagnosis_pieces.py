@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 from test_diagnosis import problem
 
 from hdagen.diagnosis.decision.identifiability import Identifiability
@@ -16,7 +17,8 @@ from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet,
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.gauss_newton import compute_hypothesis_widths
 from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel, TotalNormalEquations
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, TotalNormalEquations
+from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import apply_laplace, solve_with_scales
 from hdagen.diagnosis.inference.sensitivities import count_torque_steps
 from hdagen.diagnosis.initialization.encoder_regression import (
@@ -25,9 +27,9 @@ from hdagen.diagnosis.initialization.encoder_regression import (
     _regress_robustly,
     _split_encoder_bias,
 )
-from hdagen.diagnosis.search import fit_order, hypothesis_search
+from hdagen.diagnosis.search import close_calls, fit_order, hypothesis_race
 from hdagen.diagnosis.search.fit_order import drop_columns, first_with_columns
-from hdagen.diagnosis.search.hypothesis_search import _find_at_bound
+from hdagen.diagnosis.search.hypothesis_race import _find_at_bound
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.support.heap_memory import tune_malloc
 
@@ -35,7 +37,7 @@ from hdagen.support.heap_memory import tune_malloc
 def described(**parameters: float) -> Any:
     """An arm that has these parameters, of typical size 100 and nominal as given."""
     each = {name: SimpleNamespace(typical=100.0, nominal=value) for name, value in parameters.items()}
-    return SimpleNamespace(parameters=SimpleNamespace(described=each))
+    return SimpleNamespace(parameters=SimpleNamespace(described=each), effects=EFFECTS)
 
 
 # -- another machine's robot file -------------------------------------------------------------------------------------
@@ -78,7 +80,7 @@ def test_a_robot_file_far_outside_its_tolerances_is_refused(off: list[float], na
 
 
 def test_what_the_robot_files_tolerance_allows_is_no_effect() -> None:
-    atoms = tuple(Candidate("payload", j, "link", (f"payload_mass_{j}",), {}, True) for j in (1, 2))
+    atoms = tuple(Candidate(EFFECTS["payload"], j, (f"payload_mass_{j}",), {}, True) for j in (1, 2))
     columns = tuple(
         Column(atom.amplitudes[0], k, 0.0, 1.0, spike, k, True)
         for k, (atom, spike) in enumerate(zip(atoms, (CANDIDATES.spike_scales[0], 0.34), strict=True))
@@ -95,7 +97,10 @@ def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width
         amplitude_columns=lambda atoms: np.array([1]),
         to_theta=lambda p: np.array([3.0, 90.0]),
     )
-    described = {name: SimpleNamespace(name=name, unit=u) for name, u in {"mass_1": "kg", "amplitude": unit}.items()}
+    described = {
+        name: SimpleNamespace(name=name, unit=u, is_guess=False)
+        for name, u in {"mass_1": "kg", "amplitude": unit}.items()
+    }
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
     at: Any = SimpleNamespace(candidates=words, shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(2)))
     np.testing.assert_allclose(compute_hypothesis_widths(at, (0,)), [CANDIDATES.spike_scales[0], width])
@@ -140,12 +145,12 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
         moved.append(one.effects)
         return fit(one.effects, min(one.score.evidence + 2.0, ends[one.effects]))
 
-    monkeypatch.setattr(hypothesis_search, "advance_fit", step)
+    monkeypatch.setattr(hypothesis_race, "advance_fit", step)
     lead, none, far = fit((1,), -104.0), fit((), -108.0), fit((2,), -130.0)
-    found = hypothesis_search._settle_close_calls([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
+    found = close_calls.settle_close_calls([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
     assert [(f.effects, f.score.evidence) for f in found] == [((), -100), ((1,), -103), ((), -112), ((2,), -130)]
     assert set(moved) == {(), (1,)}
-    assert hypothesis_search._settle_close_calls([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
+    assert close_calls.settle_close_calls([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
     bare: Any = Fit(
         effects=(3,),
         score=SimpleNamespace(evidence=-101.0),
@@ -153,9 +158,9 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
         has_columns=False,
         has_converged=True,
     )
-    monkeypatch.setattr(hypothesis_search, "restore_columns", lambda one, words: fit(one.effects, one.score.evidence))
-    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: one)
-    assert first_with_columns(hypothesis_search._settle_close_calls([far, lead, bare], None, print)).effects == (3,)  # type: ignore[arg-type]
+    monkeypatch.setattr(close_calls, "restore_columns", lambda one, words: fit(one.effects, one.score.evidence))
+    monkeypatch.setattr(hypothesis_race, "advance_fit", lambda one, words: one)
+    assert first_with_columns(close_calls.settle_close_calls([far, lead, bare], None, print)).effects == (3,)  # type: ignore[arg-type]
 
 
 def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,9 +174,9 @@ def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatc
         return one
 
     went: list[float] = []
-    monkeypatch.setattr(hypothesis_search, "_continue_fit", lambda one, *_: went.append(one.evidence_here) or one)
+    monkeypatch.setattr(close_calls, "continue_fit", lambda one, *_: went.append(one.evidence_here) or one)
     both = [fit((1, 2), -100.0), fit((2, 1), -101.0), fit((1,), -106.0), fit((1, 2, 3), -109.0), fit((4,), -117.0)]
-    hypothesis_search._settle_close_calls(both, None, lambda word: None)  # type: ignore[arg-type]
+    close_calls.settle_close_calls(both, None, lambda word: None)  # type: ignore[arg-type]
     assert sorted(went) == [-106.0, -100.0]
 
 
@@ -303,8 +308,10 @@ def test_the_torque_of_a_wall_is_not_told_by_a_bias_and_the_arc_of_a_large_eccen
     true = np.array([3e-4, 4e-4, -2e-4, 1e-4])
     twist = columns @ true - 2e-3 * walled + rng.normal(0, 1e-6, 6000)
     named = {"encoder_bias_1": (0.1, 1e-3), "eccentricity_sine_1": (0.01, 5e-4), "eccentricity_cosine_1": (0.01, 5e-4)}
+    kinds = ("constant", "joint_sine", "joint_cosine")
     terms: Any = [
-        SimpleNamespace(name=name, low=-most, high=most, typical=usual) for name, (most, usual) in named.items()
+        SimpleNamespace(name=name, low=-most, high=most, typical=usual, encoder_term=kind)
+        for (name, (most, usual)), kind in zip(named.items(), kinds, strict=True)
     ]
     low, high = _coefficient_bounds(terms, columns)
     assert list(high) == [0.1, 4 * 5e-4, 4 * 5e-4, np.inf] and np.array_equal(low, -high)
@@ -328,11 +335,18 @@ def test_no_wall_is_read_off_where_there_is_none(torque: str) -> None:
 
 
 def test_as_much_of_a_constant_as_an_eccentricity_can_make_is_its_zero() -> None:
+    terms = {
+        "encoder_bias_1": ("encoder_bias", "constant"),
+        "eccentricity_sine_1": ("encoder_eccentricity", "joint_sine"),
+        "eccentricity_cosine_1": ("encoder_eccentricity", "joint_cosine"),
+        "eccentricity_zero_1": ("encoder_eccentricity", "zero_offset"),
+    }
+    own: Any = [SimpleNamespace(name=name, effect=effect, encoder_term=term) for name, (effect, term) in terms.items()]
     seen = {"encoder_bias_1": -3e-4, "eccentricity_sine_1": 3e-4, "eccentricity_cosine_1": 4e-4}
-    assert _split_encoder_bias(1, seen) == {"encoder_bias_1": 0.0, "eccentricity_zero_1": 3e-4}
-    more = _split_encoder_bias(1, seen | {"encoder_bias_1": -9e-4})
+    assert _split_encoder_bias(own, seen) == {"encoder_bias_1": 0.0, "eccentricity_zero_1": 3e-4}
+    more = _split_encoder_bias(own, seen | {"encoder_bias_1": -9e-4})
     assert more == pytest.approx({"encoder_bias_1": -4e-4, "eccentricity_zero_1": 5e-4})
-    assert _split_encoder_bias(1, {"encoder_bias_1": 1e-3}) == {}
+    assert _split_encoder_bias(own, {"encoder_bias_1": 1e-3}) == {}
 
 
 # -- what a verdict is made of ----------------------------------------------------------------------------------------
@@ -340,15 +354,15 @@ def test_as_much_of_a_constant_as_an_eccentricity_can_make_is_its_zero() -> None
 
 def test_what_changes_dry_friction_presupposes_some() -> None:
     without, some = described(coulomb_friction_1=0.0), described(coulomb_friction_1=0.04)
-    stribeck = Candidate("stribeck_friction", 1, "motor", ("stribeck_torque_1",), {}, True)
-    viscous = Candidate("viscous_friction", 1, "motor", ("viscous_friction_1",), {}, True)
+    stribeck = Candidate(EFFECTS["stribeck_friction"], 1, ("stribeck_torque_1",), {}, True)
+    viscous = Candidate(EFFECTS["viscous_friction"], 1, ("viscous_friction_1",), {}, True)
     assert stribeck.required_effect(without) == "coulomb_friction@1"
     assert stribeck.required_effect(some) is None and viscous.required_effect(without) is None
 
 
 def test_what_differs_at_standstill_only_is_not_named_twice() -> None:
-    bias, other = (Candidate("current_bias", j, "motor", (f"bias_{j}",), {}, True) for j in (1, 2))
-    uneven = Candidate("asymmetric_friction", 1, "motor", ("asymmetric_torque_1",), {}, True)
+    bias, other = (Candidate(EFFECTS["current_bias"], j, (f"bias_{j}",), {}, True) for j in (1, 2))
+    uneven = Candidate(EFFECTS["asymmetric_friction"], 1, ("asymmetric_torque_1",), {}, True)
     assert bias.is_twin_of(uneven) and uneven.is_twin_of(bias)
     assert not bias.is_twin_of(bias) and not other.is_twin_of(uneven)
 
@@ -373,7 +387,7 @@ def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:
     linear, *_ = problem(np.random.default_rng(8))
     before = linear.normal_equations(0.3)
     linear.cross_products.drop_caches()
-    assert not linear.cross_products.reduced_cache and "spectrum" not in linear.cross_products.__dict__
+    assert not linear.cross_products.reduced_cache and "eliminated_states" not in linear.cross_products.__dict__
     after = linear.normal_equations(0.3)
     assert (
         (before.N == after.N).all() and (before.b == after.b).all() and before.log_determinant == after.log_determinant

@@ -11,6 +11,7 @@ import pytest
 from compiled import Compiled
 from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, simulated
 
+from hdagen.adoption.verdict import read_verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
@@ -22,7 +23,7 @@ from hdagen.prediction.window_replay import replay
 
 Builder = Callable[..., Compiled]
 EFFECTS = (*MEMORY, "current_loop_lag", "command_delay", "encoder_eccentricity", "sensor_delay", "contact")
-EMPTY = {"schema": 1, "verdict": [], "causes": [], "parameters": {}}
+EMPTY = {"schema": 2, "verdict": [], "causes": [], "parameters": {}}
 
 
 @pytest.fixture(params=[FLEXIBLE, RIGID], ids=["flexible", "rigid"])
@@ -63,13 +64,13 @@ def test_what_reads_an_arm_never_sets_it(given: tuple[Arm, Log]) -> None:
     guess_from_log(arm, seen)
     shooting = MultipleShooting(arm, seen)
     shooting.measured_initial_states(arm.p * 1.01)
-    sight = see_residual_torque(arm, EMPTY, log, found, found)
+    sight = see_residual_torque(arm, read_verdict(EMPTY), log, found, found)
     for p in (sight.before, sight.after):
         asked = (
-            sight.residual(p).motor,
-            *sight.simulate_inputs(p),
-            sight.link_torque(p),
-            sight.encoder_error(p, sight.before),
+            sight.balance.residual(p).motor,
+            *sight.balance.simulate_inputs(p),
+            sight.balance.link_torque(p),
+            sight.balance.encoder_error(p, sight.before),
         )
         assert all(np.isfinite(one).all() for one in asked)
     with pytest.raises(TypeError, match="writable"):

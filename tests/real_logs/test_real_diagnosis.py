@@ -131,7 +131,7 @@ def inputs(data_dir: Path, out: Path) -> Callable[[str], Inputs]:
 
 def checked(found: dict[str, Any], folder: Path) -> dict[str, Any]:
     """A diagnosis, of which what holds for all of them holds."""
-    assert found["schema"] == 1
+    assert found["schema"] == 2
     assert (folder / "report.html").is_file()
     assert sum(h["probability"] for h in found["hypotheses"]) == pytest.approx(1.0, abs=1e-6)
     assert found["gap"]["after"] <= found["gap"]["before"] * real_machines.MOST_AFTER

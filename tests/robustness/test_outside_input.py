@@ -121,7 +121,7 @@ def test_hostile_toml_is_refused_in_one_breath(kind: str, text: str, tmp_path: P
         b'{"a":' * 100_000,
         b'{"schema":' + b"9" * 5000 + b"}",
         b'{"schema":"\\u001b[31m"}',
-        b'{"schema":1,"verdict":[],"causes":' + b"[" + b"3," * 90_000 + b"3]}",
+        b'{"schema":2,"verdict":[],"causes":' + b"[" + b"3," * 90_000 + b"3]}",
         b"\xff\xfe",
         b" " * 11_000_000,
     ],
@@ -155,7 +155,7 @@ CAUSE = {"effect": "viscous_friction", "joint": 1, "parameters": {"viscous_frict
 )
 def test_a_diagnosis_of_another_shape_is_refused(changes: dict, words: str, tmp_path: Path) -> None:
     path = tmp_path / "diagnosis.json"
-    path.write_text(json.dumps({"schema": 1, "verdict": ["viscous_friction@1"], "causes": [CAUSE]} | changes))
+    path.write_text(json.dumps({"schema": 2, "verdict": ["viscous_friction@1"], "causes": [CAUSE]} | changes))
     with pytest.raises(PlantError, match=words):
         verdict.read_verdict(path)
 

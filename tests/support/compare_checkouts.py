@@ -22,7 +22,17 @@ from typing import Any
 
 import pyarrow.parquet
 
-RENAMED: dict[str, str] = {}  # key of schema 1 -> key of schema 2
+RENAMED = {  # key of schema 1 -> key of schema 2
+    "alone": "direct_evidence",
+    "doubted": "doubts",
+    "tolerated": "nuisance_effects",
+    "unseen": "undetectable",
+    "ladder": "ranking",
+    "uncalibrated": "uncalibrated_probability",
+    "present_from": "present_size",
+    "sure_below": "most_doubt",
+    "tolerated_share": "nuisance_width",
+}
 CHANGED = {"schema"}  # keys whose values are meant to differ
 SETTINGS = {"settings"}  # keys that only the newer schema has
 CONTROLLERS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint", "mpc")

@@ -103,7 +103,7 @@ from pathlib import Path
 out = Path(sys.argv[sys.argv.index("--out") + 1])
 if sys.argv[1] == "diagnose":
     out.mkdir(exist_ok=True)
-    said = {{"schema": 1, "verdict": [], "sure": False, "causes": [], "hypotheses": [], "gap": {{}}}}
+    said = {{"schema": 2, "verdict": [], "sure": False, "causes": [], "hypotheses": [], "gap": {{}}}}
     (out / "diagnosis.json").write_text(json.dumps(said))
 else:
     shutil.copy("hold_out.parquet", out)

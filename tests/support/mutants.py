@@ -140,7 +140,7 @@ hold_out = "log.csv"
 name = "Press 2"
 """
 DIAGNOSIS: dict[str, Any] = {
-    "schema": 1,
+    "schema": 2,
     "verdict": ["stribeck_friction@2", "unknown@1"],
     "sure": True,
     "gap": {"before": 30.0, "after": 2.0, "floor": 1.0, "shrink": 15.0},

@@ -91,7 +91,7 @@ def diagnosis(**changes: object) -> dict:
         {"effect": "coulomb_friction", "joint": 2, "parameters": {"coulomb_friction": {"value": 0.05, "std": 0.01}}},
     ]
     base = {"mass_1": {"value": 4.6, "std": 0.1}}
-    return {"schema": 1, "verdict": ["transmission_hysteresis@1"], "causes": causes, "parameters": base} | changes
+    return {"schema": 2, "verdict": ["transmission_hysteresis@1"], "causes": causes, "parameters": base} | changes
 
 
 def erring(log: Log, size: float, seed: int) -> Replay:

@@ -82,8 +82,8 @@ def compute_gap_bounds(
 
     Args:
         told: `evaluate_gap` of diagnosis.json.
-        rungs: `ladder` of diagnosis.json.
-        tolerated: `tolerated` of diagnosis.json.
+        rungs: `ranking` of diagnosis.json.
+        tolerated: `nuisance_effects` of diagnosis.json.
 
     Returns:
         The bounded ``flexible`` and ``achievable``, in multiples of the noise.

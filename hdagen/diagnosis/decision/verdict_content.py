@@ -1,14 +1,17 @@
-"""The part of diagnosis.json that a decision fills: verdict, causes, hypotheses, parameters."""
+"""The part of diagnosis.json that a decision fills: verdict, causes, hypotheses, parameters; and the verdict that it
+states, ready to be simulated."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hdagen.adoption import verdict
+from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.identifiability import Identifiability
@@ -18,11 +21,6 @@ from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_order import first_with_columns
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
-
-TILT_EQUIVALENTS = {
-    "tilt_x": "gravity_x",
-    "tilt_y": "gravity_y",
-}  # a small tilt of the base, and the gravity it is equal to
 
 
 def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]:
@@ -49,7 +47,6 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
         unseen = told.find_undetectable()
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
-        fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
         others = [
             o
             for o in likely
@@ -58,22 +55,23 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
         if name in decision.verdict and name in told.columns and not decision.is_long_horizon:
             others += told.find_confusable(name)
         others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
-        causes.append(_describe_cause(name, likely[name], _list_parameters(name, fit, decision), others))
+        experiments = suggest_experiments(best.sensitivities.shooting.arm.effects, name, others)
+        causes.append(_describe_cause(name, likely[name], _list_parameters(name, decision), others, experiments))
     return {
-        "schema": verdict.SCHEMA,
+        "schema": SCHEMA,
         "verdict": list(decision.verdict),
         "sure": decision.is_sure,
         "where": [_locate_entry(entry, place.get(entry, "motor")) for entry in decision.verdict],
         "causes": causes,
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "parameters": estimate_base_parameters(best),
-        "unseen": [name for name in unseen if name not in decision.verdict],
+        "undetectable": [name for name in unseen if name not in decision.verdict],
         "method": {
             "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
-            "uncalibrated": decision.uncalibrated_probability,
-            "present_from": CANDIDATES.present_size,
-            "sure_below": DECISION.sure_below,
-            "tolerated_share": best.sensitivities.candidates.spike_scale,
+            "uncalibrated_probability": decision.uncalibrated_probability,
+            "present_size": CANDIDATES.present_size,
+            "most_doubt": DECISION.sure_below,
+            "nuisance_width": best.sensitivities.candidates.spike_scale,
             "unexplained_torque": best.score.posterior.s,
             "noise_scale": math.sqrt(best.score.posterior.noise_level),
         },
@@ -101,8 +99,9 @@ def _locate_entry(entry: str, place: str) -> dict[str, Any]:
     return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "interval": None, "when": ""}
 
 
-def _list_parameters(name: str, fit: Fit | None, decision: Decision) -> dict[str, Any]:
+def _list_parameters(name: str, decision: Decision) -> dict[str, Any]:
     """Parameters of a candidate, from its fit or from direct evidence; the latter have no standard deviation."""
+    fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
     if fit is None and name not in decision.direct_evidence:
         return {}
     if name not in decision.direct_evidence:
@@ -115,7 +114,9 @@ def _list_parameters(name: str, fit: Fit | None, decision: Decision) -> dict[str
     return {key: {"value": value, "std": None, "unit": described[key].unit, "end": None} for key, value in read_off}
 
 
-def _describe_cause(name: str, probability: float, parameters: dict[str, Any], confounded: list[str]) -> dict[str, Any]:
+def _describe_cause(
+    name: str, probability: float, parameters: dict[str, Any], confounded: list[str], experiments: str
+) -> dict[str, Any]:
     """A candidate that was tried, as an entry of `causes`."""
     effect, _, joint = name.partition("@")
     suffix = ""
@@ -127,7 +128,7 @@ def _describe_cause(name: str, probability: float, parameters: dict[str, Any], c
         "probability": probability,
         "parameters": {key.removesuffix(suffix): value for key, value in parameters.items()},
         "confounded_with": confounded,
-        "separate_by": suggest_experiments(name, confounded),
+        "separate_by": experiments,
     }
 
 
@@ -164,6 +165,53 @@ def estimate_parameters(fit: Fit, atom: int) -> dict[str, Any]:
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class StatedEffects:
+    """The effects that a decision states, with the parameters that its fits give them.
+
+    Attributes:
+        names: of the effects, effect@joint, in the order of the verdict; `unknown@joint` has no parameters.
+        causes: the known ones, as entries of `causes` of diagnosis.json.
+
+    """
+
+    names: tuple[str, ...]
+    causes: tuple[Mapping[str, Any], ...]
+
+    def build_verdict(self, base_parameters: Mapping[str, Any]) -> verdict.Verdict:
+        """Build the verdict of these effects.
+
+        Args:
+            base_parameters: `parameters` of diagnosis.json.
+
+        Returns:
+            The verdict, ready to be applied to a model.
+
+        """
+        said = {
+            "schema": SCHEMA,
+            "verdict": list(self.names),
+            "causes": list(self.causes),
+            "parameters": base_parameters,
+        }
+        return verdict.read_verdict(said)
+
+
+def state_effects(decision: Decision) -> StatedEffects:
+    """List the effects of a decision's verdict with their parameters.
+
+    Args:
+        decision: the decision.
+
+    Returns:
+        The effects.
+
+    """
+    known = [name for name in decision.verdict if not name.startswith("unknown@")]
+    causes = [_describe_cause(name, 1.0, _list_parameters(name, decision), [], "") for name in known]
+    return StatedEffects(decision.verdict, tuple(causes))
+
+
 def build_hypothetical_verdict(fit: Fit, names: Sequence[str]) -> verdict.Verdict:
     """Build the verdict that some effects would have at the parameters of a fit.
 
@@ -177,9 +225,8 @@ def build_hypothetical_verdict(fit: Fit, names: Sequence[str]) -> verdict.Verdic
     """
     there = [name for name in names if name in fit.names]
     atoms = {fit.sensitivities.candidates.members[k].name: k for k in fit.effects}
-    causes = [_describe_cause(name, 1.0, estimate_parameters(fit, atoms[name]), []) for name in there]
-    said = {"schema": verdict.SCHEMA, "verdict": there, "causes": causes, "parameters": estimate_base_parameters(fit)}
-    return verdict.read_verdict(said)
+    causes = [_describe_cause(name, 1.0, estimate_parameters(fit, atoms[name]), [], "") for name in there]
+    return StatedEffects(tuple(there), tuple(causes)).build_verdict(estimate_base_parameters(fit))
 
 
 def estimate_base_parameters(best: Fit) -> dict[str, Any]:
@@ -207,8 +254,11 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
         for _, c in free
         if c.in_every_hypothesis and described[c.parameter].tolerance > 0
     }
-    for c in (c for _, c in free if c.parameter in TILT_EQUIVALENTS and c.parameter in spread):
-        gravity = described[TILT_EQUIVALENTS[c.parameter]]
+    for c in (c for _, c in free if c.parameter in spread):
+        equivalent = described[c.parameter].equivalent
+        if equivalent is None:
+            continue
+        gravity = described[equivalent]
         one = found.get(gravity.name) or _describe_estimate(best, gravity, places[gravity.name], 0.0)
         leaned = float(best.sensitivities.point.p[c.index]) - described[c.parameter].nominal
         one |= {"value": one["value"] + leaned, "std": math.hypot(one["std"], spread[c.parameter])}

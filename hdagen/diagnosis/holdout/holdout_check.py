@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from hdagen.adoption import verdict
+from hdagen.adoption.verdict import Verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, add_direct_evidence
 from hdagen.diagnosis.decision.posterior import Decision
-from hdagen.diagnosis.decision.verdict_content import describe_decision, estimate_base_parameters
+from hdagen.diagnosis.decision.verdict_content import StatedEffects, estimate_base_parameters, state_effects
 from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion
 from hdagen.diagnosis.holdout.small_effects import drop_small_effects
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import (
+    ConfirmedVerdict,
     doubt_on_holdout,
     is_at_bound,
     remove_unknown,
@@ -25,26 +26,52 @@ from hdagen.diagnosis.holdout.verdict_withdrawal import (
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_order import sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
-from hdagen.prediction.window_replay import Replay
 
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """A statement of a ``decision``: ``content`` of diagnosis.json so far, the ``arm`` with the verdict that the motion
-    confirms, and its replay ``after``."""
+    """A statement of a decision.
+
+    Attributes:
+        decision: the decision.
+        stated: its effects with their parameters.
+        confirmed: the part of it that the motion confirms.
+
+    """
 
     decision: Decision
-    content: dict[str, Any]
-    arm: Arm
-    after: Replay
+    stated: StatedEffects
+    confirmed: ConfirmedVerdict
+
+
+@dataclass(frozen=True, eq=False)
+class SettledStatement:
+    """A statement after every check on held-out motion.
+
+    Attributes:
+        statement: the statement that stays.
+        doubts: of diagnosis.json: the verdict that was doubted, the joint, and the share of its error that was left;
+            None if nothing was.
+        small_effects: `small` of diagnosis.json: effects that were dropped as small.
+
+    """
+
+    statement: Statement
+    doubts: Mapping[str, Any] | None
+    small_effects: tuple[Mapping[str, Any], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class HoldoutJudge:
-    """Judges the result ``search_result`` of a search on a ``motion`` that it did not see.
+    """Judges the result of a search on a motion that it did not see.
 
-    ``nominal_arm`` is the robot file's model, ``arm`` the one with every effect; ``direct`` are effects with direct
-    evidence.
+    Attributes:
+        nominal_arm: the robot file's model.
+        arm: the model with every effect.
+        search_result: the result of the search.
+        direct_evidence: effects with direct evidence.
+        motion: the motion.
+
     """
 
     nominal_arm: Arm
@@ -68,11 +95,12 @@ class HoldoutJudge:
 
         """
         motions = list(dict.fromkeys((self.motion, *further)))
-        content = describe_decision(self.search_result, decision)
+        stated, fitted = state_effects(decision), estimate_base_parameters(decision.best)
         none = next(fit for fit in sort_by_evidence(self.search_result.fits) if not fit.names)
-        model = choose_model(self.arm, decision, content)
-        arm, after = withdraw_harmful(self.nominal_arm, model, content, motions, estimate_base_parameters(none))
-        return Statement(decision, content, arm, after)
+        model = choose_model(self.arm, decision, stated.build_verdict(fitted))
+        alone = estimate_base_parameters(none)
+        confirmed = withdraw_harmful(self.nominal_arm, model, stated, motions, fitted, alone)
+        return Statement(decision, stated, confirmed)
 
     def try_known_effects(self, strange: Decision) -> Decision | None:
         """Name known effects in place of something unknown, where the motion confirms them.
@@ -92,10 +120,12 @@ class HoldoutJudge:
         alone = self._state_leading_set(without_it)
         if alone.decision.best is not without_it.best and not alone.decision.direct_evidence:
             strange = replace(strange, hypotheses=alone.decision.hypotheses, best=alone.decision.best)
-        tried = reweigh_unknown(strange, alone.content["verdict"], self.motion, alone.after)
-        return None if tried.is_unknown or is_at_bound(alone.content) else tried
+        tried = reweigh_unknown(strange, alone.confirmed.effects, self.motion, alone.confirmed.after)
+        if tried.is_unknown or is_at_bound(alone.confirmed.effects, alone.stated.causes):
+            return None
+        return tried
 
-    def settle_decision(self, decision: Decision, last: HoldoutMotion) -> Statement:
+    def settle_decision(self, decision: Decision, last: HoldoutMotion) -> SettledStatement:
         """Check a decision on the motion, and state it.
 
         Args:
@@ -109,37 +139,34 @@ class HoldoutJudge:
             PlantError: a model cannot be simulated.
 
         """
-        told, judged_so = self.check_decision(decision)
-        if last is not self.motion:
-            told = self.state_decision(told.decision, last)
-        told.content.update(judged_so | {"contradicted": None})
-        return told
+        settled = self.check_decision(decision)
+        if last is self.motion:
+            return settled
+        return replace(settled, statement=self.state_decision(settled.statement.decision, last))
 
-    def withhold_verdict(self, decision: Decision, last: HoldoutMotion, contradicted: dict[str, Any]) -> Statement:
+    def withhold_verdict(self, decision: Decision, last: HoldoutMotion) -> SettledStatement:
         """State that there is no verdict, as the hold-out contradicts the log.
 
         Args:
             decision: of the log.
             last: the motion on which the gap is measured.
-            contradicted: of diagnosis.json.
 
         Returns:
             The statement.
 
         """
-        content = describe_decision(self.search_result, replace(decision, verdict=()))
-        content |= {"sure": False, "parameters": {}, "gap": last.measure_gap(last.before)}
-        content |= {"doubted": None, "alone": self._list_direct(), "small": [], "contradicted": contradicted}
-        return Statement(decision, content, self.nominal_arm, last.before)
+        gap = last.measure_gap(last.before)
+        confirmed = ConfirmedVerdict((), {}, True, gap, self.nominal_arm, last.before)
+        return SettledStatement(Statement(decision, StatedEffects((), ()), confirmed), None, ())
 
-    def check_decision(self, decision: Decision) -> tuple[Statement, dict[str, Any]]:
+    def check_decision(self, decision: Decision) -> SettledStatement:
         """Check a decision on the motion: add direct evidence, doubt, and drop small effects.
 
         Args:
             decision: to be checked.
 
         Returns:
-            The statement, and ``doubt_on_holdout``, ``alone`` and ``small`` of diagnosis.json.
+            The statement, with the gap on the motion.
 
         Raises:
             PlantError: a model cannot be simulated.
@@ -149,15 +176,16 @@ class HoldoutJudge:
         fitted: dict[tuple[str, ...], Fit] = {}
         for fit in sort_by_evidence(self.search_result.fits):
             fitted.setdefault(fit.names, fit)
-        checked, doubt = doubt_on_holdout(stated.decision, fitted, stated.content["verdict"], self.motion, stated.after)
-        if doubt:
+        confirmed = stated.confirmed
+        checked, doubts = doubt_on_holdout(stated.decision, fitted, confirmed.effects, self.motion, confirmed.after)
+        if doubts:
             stated = self._state_with_direct_evidence(checked)
         direct = [one.name for one in self.direct_evidence]
         measure = partial(self._measure, stated)
         checked, small = drop_small_effects(stated.decision, fitted, measure, direct)
         if small:
             stated = self.state_decision(checked)
-        return stated, {"doubted": doubt, "alone": self._list_direct(), "small": small}
+        return SettledStatement(stated, doubts, tuple(small))
 
     def _state_leading_set(self, decision: Decision) -> Statement:
         """The statement with direct evidence, of the set of effects that leads on the motion."""
@@ -165,37 +193,32 @@ class HoldoutJudge:
         leading = lead_on_unseen_motion(stated.decision, partial(self._measure, stated))
         return stated if leading is stated.decision else self._state_with_direct_evidence(leading)
 
-    def _measure(self, stated: Statement, decision: Decision) -> dict[str, Any]:
+    def _measure(self, stated: Statement, decision: Decision) -> Mapping[str, Any]:
         """The gap with a decision; that of the ``stated`` one is known."""
         told = stated if decision is stated.decision else self.state_decision(decision)
-        return dict(told.content["gap"])
-
-    def _list_direct(self) -> list[dict[str, Any]]:
-        """`alone` of diagnosis.json."""
-        return [one.content for one in self.direct_evidence]
+        return told.confirmed.gap
 
     def _state_with_direct_evidence(self, decision: Decision) -> Statement:
         """The statement with direct evidence, or without it where the motion does not confirm it."""
         if (more := add_direct_evidence(decision, self.direct_evidence)) is not decision:
             stated = self.state_decision(more)
-            if stated.content["verdict"] == list(more.verdict):
+            if stated.confirmed.effects == more.verdict:
                 return stated
         return self.state_decision(decision)
 
 
-def choose_model(arm: Arm, decision: Decision, content: dict[str, Any]) -> Arm:
+def choose_model(arm: Arm, decision: Decision, said: Verdict) -> Arm:
     """Choose the model that a verdict is replayed on.
 
     Args:
         arm: with every effect; drives that the robot file calls rigid are rigid.
         decision: whose fit may be of the model with springs.
-        content: of diagnosis.json.
+        said: the verdict.
 
     Returns:
         The arm, or the model with springs where the arm lacks parameters of the verdict.
 
     """
-    said = verdict.read_verdict(content)
     described = arm.parameters.described
     lacks = any(name not in described for name in (*said.effect_parameters, *said.base_parameters))
     return decision.best.sensitivities.shooting.arm if lacks else arm

@@ -79,7 +79,7 @@ def find_gap_after(cause: Mapping[str, Any], rungs: Sequence[Mapping[str, Any]])
 
     Args:
         cause: an entry of `causes` of diagnosis.json.
-        rungs: `rank_hypotheses` of diagnosis.json.
+        rungs: `ranking` of diagnosis.json.
 
     Returns:
         That gap in multiples of the noise; None where no hypothesis with the cause was replayed.

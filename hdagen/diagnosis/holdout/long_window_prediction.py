@@ -21,19 +21,55 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.gap import measure_block_errors
+from hdagen.diagnosis.data.prepared_data import PreparedData
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_order import charge_effects
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
+from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.prediction.window_replay import Replay
 from hdagen.support.parallel import map_in_threads
+
+
+@dataclass(frozen=True, eq=False)
+class LongWindowPrediction:
+    """The prediction of long windows by the fitted sets.
+
+    Attributes:
+        log_odds: by the names of a set, what the prediction costs it, as `weigh_predictions` has it.
+        failures: a sentence where the sets could not be compared; then none of them is charged.
+
+    """
+
+    log_odds: Mapping[tuple[str, ...], float]
+    failures: tuple[str, ...]
+
+
+def predict_long_windows(found: SearchResult, data: PreparedData) -> LongWindowPrediction:
+    """Compare the fitted sets by their prediction of long windows, where these can be simulated.
+
+    Args:
+        found: the search, with each set at its optimum.
+        data: of the diagnosis.
+
+    Returns:
+        The log odds that the prediction costs each set.
+
+    """
+    attempts = Attempts()
+    nothing: Mapping[tuple[str, ...], float] = {}
+    weigh = partial(weigh_predictions, found, data.fitted, data.replay_fitted)
+    log_odds = attempts.attempt("prediction over long windows", weigh, nothing)
+    return LongWindowPrediction(log_odds, tuple(attempts.failures))
 
 
 def weigh_predictions(

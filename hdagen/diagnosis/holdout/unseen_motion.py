@@ -9,8 +9,12 @@ from typing import Any
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.gap import choose_closest_replay, evaluate_gap
+from hdagen.diagnosis.data.models import Models
+from hdagen.diagnosis.data.prepared_data import PreparedData
 from hdagen.diagnosis.data.split import LogPortion, split_in_halves
+from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict
 from hdagen.diagnosis.holdout.nonparametric_baseline import fit_nonparametric_baseline
+from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.prediction.window_replay import Replay
 
 Simulator = Callable[[Arm], Replay]
@@ -44,6 +48,25 @@ class HoldoutMotion:
         """Split the motion into the even seconds, which decide, and the odd seconds, which are reported."""
         first, second = (replace(self, portion=half) for half in split_in_halves(self.portion))
         return first, second
+
+
+def measure_without_effects(models: Models, data: PreparedData, null: Fit) -> HoldoutMotion:
+    """Replay the held-out motion of a diagnosis without any effect.
+
+    Args:
+        models: of the robot.
+        data: of the diagnosis.
+        null: the fitted null model, whose base parameters are taken.
+
+    Returns:
+        That motion.
+
+    Raises:
+        PlantError: a model cannot be simulated.
+
+    """
+    base = build_hypothetical_verdict(null, ())
+    return measure_holdout(models.nominal, base, data.fitted, data.held_out, data.replay_held_out)
 
 
 def measure_holdout(

@@ -16,7 +16,7 @@ Remainders beside named effects do not compete with these: `hdagen.diagnosis.hol
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -27,6 +27,7 @@ from hdagen.diagnosis.data.gap import measure_channel_errors
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.posterior import SMALLEST_POSITIVE, Decision, Hypothesis, conclude_verdict
+from hdagen.diagnosis.decision.verdict_content import StatedEffects
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.holdout.small_effects import Fits, drop_effects
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
@@ -37,13 +38,36 @@ LEAST_UNKNOWN_ODDS = DECISION.sure_below / (
 )  # of something unknown where short windows say so: what is named is then not sure
 
 
+@dataclass(frozen=True, eq=False)
+class ConfirmedVerdict:
+    """The part of a verdict that held-out motion confirms.
+
+    Attributes:
+        effects: the effects that it confirms, effect@joint; `unknown@joint` among them.
+        base_parameters: as re-estimated, in the form of `parameters` of diagnosis.json.
+        is_withdrawn: whether it confirms no effect and no base parameter.
+        gap: `gap` of diagnosis.json on the last motion.
+        arm: the model with the verdict's effects, or the robot file's model where they are withdrawn.
+        after: the replay of the last motion after the verdict.
+
+    """
+
+    effects: tuple[str, ...]
+    base_parameters: Mapping[str, Any]
+    is_withdrawn: bool
+    gap: Mapping[str, Any]
+    arm: Arm
+    after: Replay
+
+
 def withdraw_harmful(
     plain: Arm,
     named: Arm,
-    content: dict[str, Any],
+    stated: StatedEffects,
     motions: Sequence[HoldoutMotion],
+    fitted: Mapping[str, Any],
     alone: Mapping[str, Any] = MappingProxyType({}),
-) -> tuple[Arm, Replay]:
+) -> ConfirmedVerdict:
     """Withdraw the parts of a verdict that do not close the gap on held-out motion.
 
     Base parameters that spoil a verdict are withdrawn first, then the verdict. Something unknown stays, as it predicts
@@ -53,41 +77,40 @@ def withdraw_harmful(
     Args:
         plain: the robot file's model.
         named: the model with the verdict's effects.
-        content: of diagnosis.json; receives the verdict that stays, and the gap on the last motion.
+        stated: the verdict's effects.
         motions: the verdict must predict each of them better than the robot file does.
-        alone: the base parameters as they are refitted with no effect, in the form of ``content``.
+        fitted: the base parameters as they are refitted with the effects, as `parameters` of diagnosis.json.
+        alone: the same as they are refitted with no effect.
 
     Returns:
-        The model with the verdict that stays, and its replay of the last motion.
+        The verdict that stays, with the gap on the last motion.
 
     Raises:
         PlantError: a model cannot be simulated.
 
     """
-    fitted: dict[str, Any] = content["parameters"]
     last = motions[-1]
-    bases = [fitted, dict(alone), {}] if verdict.read_verdict(content).unexplained_joints else [fitted, {}]
-    for base in bases:
-        content["parameters"] = base
-        said = verdict.read_verdict(content)
+    for base in _list_base_parameters(stated, fitted, alone):
+        said = stated.build_verdict(base)
         arm = verdict.apply_verdict(named, said)[0]
         replays = [motion.simulate(arm) for motion in motions]
         gaps = [motion.measure_gap(after) for motion, after in zip(motions, replays, strict=True)]
-        content["gap"] = gaps[-1]
-        if all(
-            gap["before"] >= HOLDOUT_CHECK.least_explainable_gap
-            and _closes_gap(gap, bool(said.unexplained_joints and base))
-            for gap in gaps
-        ):
-            return named, replays[-1]
-    kept = (
-        [f"unknown@{joint}" for joint in said.unexplained_joints]
-        if content["gap"]["before"] >= HOLDOUT_CHECK.least_explainable_gap
-        else []
-    )
-    content |= {"verdict": kept, "sure": False, "where": []}
-    content["gap"] = last.measure_gap(last.before)
-    return plain, last.before
+        bent = bool(said.unexplained_joints and base)
+        if all(gap["before"] >= HOLDOUT_CHECK.least_explainable_gap and _closes_gap(gap, bent) for gap in gaps):
+            return ConfirmedVerdict(stated.names, base, False, gaps[-1], named, replays[-1])
+    kept: tuple[str, ...] = ()
+    if gaps[-1]["before"] >= HOLDOUT_CHECK.least_explainable_gap:
+        kept = tuple(f"unknown@{joint}" for joint in said.unexplained_joints)
+    return ConfirmedVerdict(kept, {}, True, last.measure_gap(last.before), plain, last.before)
+
+
+def _list_base_parameters(
+    stated: StatedEffects, fitted: Mapping[str, Any], alone: Mapping[str, Any]
+) -> list[Mapping[str, Any]]:
+    """The base parameters to try with a verdict, in turn; the robot file's own come last."""
+    if any(name.startswith("unknown@") for name in stated.names):
+        return [fitted, alone, {}]
+    return [fitted, {}]
 
 
 def _closes_gap(told: dict[str, Any], bent: bool) -> bool:
@@ -177,18 +200,19 @@ def remove_unknown(decision: Decision) -> Decision:
     return _set_unknown_odds(decision, 0.0, 1)
 
 
-def is_at_bound(content: dict[str, Any]) -> bool:
+def is_at_bound(effects: Sequence[str], causes: Sequence[Mapping[str, Any]]) -> bool:
     """Say whether an effect of a verdict has a size at an end of its range, larger or smaller than any known one.
 
     Args:
-        content: of diagnosis.json.
+        effects: the effects of the verdict, effect@joint.
+        causes: as diagnosis.json has them.
 
     Returns:
         True if one has.
 
     """
-    causes = (one for one in content["causes"] if f"{one['effect']}@{one['joint']}" in content["verdict"])
-    sizes = (q for cause in causes for q in cause["parameters"].values() if q["std"] is not None)  # a shape has none
+    own = (cause for cause in causes if f"{cause['effect']}@{cause['joint']}" in effects)
+    sizes = (q for cause in own for q in cause["parameters"].values() if q["std"] is not None)  # a shape has none
     return any(q["end"] for q in sizes)
 
 

@@ -29,12 +29,8 @@ from hdagen.diagnosis.inference.bounded_least_squares import Bounds, solve_box_q
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
-from hdagen.diagnosis.inference.linear_gaussian import (
-    ROUNDING_FLOOR,
-    LinearModel,
-    NormalEquations,
-    TotalNormalEquations,
-)
+from hdagen.diagnosis.inference.linear_gaussian import ROUNDING_FLOOR, NormalEquations, TotalNormalEquations
+from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.support.parallel import map_in_threads
 
 TORQUE_GRID = np.concatenate([[0.0], np.geomspace(*LIKELIHOOD.torque_grid_ends, LIKELIHOOD.torque_grid_size)])

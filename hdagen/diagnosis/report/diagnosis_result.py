@@ -1,4 +1,4 @@
-"""What a diagnosis comes to: its decision, its content, and what a report draws."""
+"""Everything that a diagnosis found, with the content of diagnosis.json and the motions that a report draws."""
 
 from __future__ import annotations
 
@@ -13,13 +13,24 @@ from hdagen.prediction.window_replay import Replay
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """The search's result, the held-out motion, and its replay ``after`` the verdict."""
+class DiagnosisResult:
+    """Everything that a diagnosis found.
+
+    Attributes:
+        search: every fitted set of effects, and the screening.
+        decision: the decision that the verdict stands on.
+        content: of diagnosis.json.
+        holdout: the held-out motion on which the gap is measured.
+        after: its replay after the verdict.
+        residual_torque: the held-out motion through the models before and after the verdict.
+        failures: a sentence for every stage and simulation that failed.
+
+    """
 
     search: SearchResult
     decision: Decision
     content: dict[str, Any]
     holdout: HoldoutMotion
     after: Replay
-    residual_torque: ResidualTorque  # ``holdout`` through the models before and after
-    failures: tuple[str, ...]  # a sentence for every stage and simulation that failed
+    residual_torque: ResidualTorque
+    failures: tuple[str, ...]

@@ -120,7 +120,7 @@ def _show_small_effects(content: dict[str, Any]) -> list[str]:
 def _show_nuisance_effects(content: dict[str, Any]) -> list[str]:
     """A table of effects within tolerance that would close more of the gap; no table where there are none."""
     rows: list[list[str | float | None]] = []
-    for one in content["tolerated"]:
+    for one in content["nuisance_effects"]:
         values = ", ".join(
             f"{name} {v['value']:.3g} {v['unit']}" for name, v in one["parameters"].items() if v["value"]
         )

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.adoption.verdict import is_uninformed
+from hdagen.arm.effect_catalogue import EffectCatalogue
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
-from hdagen.diagnosis.report.diagnosis_result import Diagnosis
+from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
 from hdagen.diagnosis.report.effect_plots import draw_effect
 from hdagen.diagnosis.report.gap_section import list_gap_levels, show_gap
 from hdagen.diagnosis.report.report_settings import REPORT
@@ -32,7 +33,7 @@ from hdagen.prediction.window_replay import REPLAY_WINDOW, Replay
 LITTLE_PROBABILITY_WORDS = f"less than {REPORT.least_printed_probability:g}"
 
 
-def write_report(diagnosis: Diagnosis, path: Path, again: str) -> None:
+def write_report(diagnosis: DiagnosisResult, path: Path, again: str) -> None:
     """Write report.html.
 
     Args:
@@ -48,7 +49,7 @@ def write_report(diagnosis: Diagnosis, path: Path, again: str) -> None:
         write_verdict(content),
         [
             show_gap(content),
-            _show_candidates(content),
+            _show_candidates(sight.motion.arm.effects, content),
             *_show_location(sight, content),
             show_signals(held.portion, held.before, diagnosis.after),
             _show_parameters(sight, content),
@@ -60,7 +61,7 @@ def write_report(diagnosis: Diagnosis, path: Path, again: str) -> None:
     )
 
 
-def _show_candidates(content: dict[str, Any]) -> Section:
+def _show_candidates(effects: EffectCatalogue, content: dict[str, Any]) -> Section:
     """The hypotheses: on held-out motion, by probability, and the effects that the log shows or would not show."""
     rows = [[_name_effects(h["effects"]) or "none", h["probability"]] for h in content["hypotheses"]]
     named = min(
@@ -79,9 +80,9 @@ def _show_candidates(content: dict[str, Any]) -> Section:
     text = (
         "Every effect of the model was tried on every joint, with the base parameters refitted within their tolerance"
         f" and every other effect within a small size. An effect below {100 * CANDIDATES.present_size:g} % of its usual"
-        f" size counts as none.{_explain_long_horizon(content)}\n\n{explain_confounding(content)}"
+        f" size counts as none.{_explain_long_horizon(content)}\n\n{explain_confounding(effects, content)}"
     )
-    if unseen := content["unseen"]:
+    if unseen := content["undetectable"]:
         this = "This"
         if _names_unknown(content):
             this = "Beside what is unknown this"
@@ -131,7 +132,7 @@ def _explain_long_horizon(content: dict[str, Any]) -> str:
 def _show_direct_evidence(content: dict[str, Any]) -> list[str]:
     """A table of the effects that commands and encoders show by themselves; no table where there are none."""
     rows: list[list[str | float | None]] = []
-    for one in content["alone"]:
+    for one in content["direct_evidence"]:
         values = ", ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in one["parameters"].items())
         rows.append([name_effect(f"{one['effect']}@{one['joint']}"), values, 100 * one["left"]])
     if not rows:
@@ -149,7 +150,7 @@ def _show_direct_evidence(content: dict[str, Any]) -> list[str]:
 
 def _show_ranking(content: dict[str, Any]) -> str:
     """The gaps of the leading hypotheses on held-out motion."""
-    gap, rungs = content["gap"], content["ladder"]
+    gap, rungs = content["gap"], content["ranking"]
     return draw_bars(
         "Candidates on held-out motion",
         [_label_model(one) for one in rungs],
@@ -259,7 +260,7 @@ def _show_parameters(sight: ResidualTorque, content: dict[str, Any]) -> Section:
 
 def _make_row(sight: ResidualTorque, name: str, estimate: dict[str, Any]) -> list[str | float | None]:
     """A row of the table of parameters."""
-    q = sight.arm.parameters.described.get(name)
+    q = sight.motion.arm.parameters.described.get(name)
     std, unit = estimate.get("std"), estimate.get("unit", "")
     if q is None:
         return [name, None, None, estimate["value"], std, unit, None, "–"]

@@ -37,6 +37,7 @@ class ReportSettings:
     most_drawn_candidates: int = setting(8, "hypotheses", "hypotheses in the figure of probabilities")
     least_listed_probability: float = setting(1e-3, "probability", "a hypothesis below it is not listed")
     least_printed_probability: float = setting(1e-4, "probability", "below it its value is not printed")
+    shown_hypotheses: int = setting(5, "hypotheses", "hypotheses in the summary of a notebook")
     correlation_seconds: float = setting(0.25, "s", "lags of the correlations of the residuals")
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hdagen.arm.effect_catalogue import EffectCatalogue
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
@@ -38,7 +39,7 @@ def _say_verdict(content: dict[str, Any]) -> str:
     if not verdict:
         said = _say_no_effect(content)
     elif not named:
-        said = f"{_say_joints(verdict)} something that no known effect explains{_say_doubt(content['doubted'])}"
+        said = f"{_say_joints(verdict)} something that no known effect explains{_say_doubt(content['doubts'])}"
     else:
         each, verb = _join_effects(named), _agree_in_number(named, "is", "are")
         said = f"{each[0].upper()}{each[1:]} {verb} missing in the model{_say_probability(content, named)}"
@@ -81,7 +82,7 @@ def _agree_in_number(entries: Sequence[Any], one: str, several: str) -> str:
     return several
 
 
-def say_contradiction(contradicted: dict[str, Any]) -> str:
+def say_contradiction(contradicted: Mapping[str, Any]) -> str:
     """Say why a hold-out does not seem to be of the log's machine, and how to mend that.
 
     Args:
@@ -160,7 +161,9 @@ def _format_multiple(multiples: float) -> str:
 
 def _say_nuisance_effect(content: dict[str, Any]) -> str:
     """An effect within tolerance that would close much of the rest of the gap."""
-    closer = [one for one in content["tolerated"] if one["gap"] < REPORT.notable_gap_share * content["gap"]["after"]]
+    closer = [
+        one for one in content["nuisance_effects"] if one["gap"] < REPORT.notable_gap_share * content["gap"]["after"]
+    ]
     if not closer:
         return ""
     what = name_effect(f"{closer[0]['effect']}@{closer[0]['joint']}")
@@ -274,10 +277,11 @@ def note_calibration(content: dict[str, Any]) -> str:
     return ", not calibrated"
 
 
-def explain_confounding(content: dict[str, Any]) -> str:
+def explain_confounding(effects: EffectCatalogue, content: dict[str, Any]) -> str:
     """Explain the alternatives that the log does not exclude, and the motions that would separate them.
 
     Args:
+        effects: how each effect shows itself.
         content: of diagnosis.json.
 
     Returns:
@@ -285,7 +289,7 @@ def explain_confounding(content: dict[str, Any]) -> str:
 
     """
     causes = {f"{c['effect']}@{c['joint']}": c for c in content["causes"]}
-    shown = causes.keys() - set(content["unseen"])  # the report says those for themselves
+    shown = causes.keys() - set(content["undetectable"])  # the report says those for themselves
     likely = [
         name for name, c in causes.items() if c["probability"] >= DECISION.least_mentioned_probability and name in shown
     ]
@@ -304,18 +308,20 @@ def explain_confounding(content: dict[str, Any]) -> str:
             return text
         return (
             f"{text}\n\nWhat would tell {name_effect(likely[0])} from the others:"
-            f" {suggest_experiments(likely[0], likely[1:])}\n\n    hdagen excite robot.toml --separate"
+            f" {suggest_experiments(effects, likely[0], likely[1:])}\n\n    hdagen excite robot.toml --separate"
             f" {','.join(likely[: REPORT.most_separated])}\n\ndesigns a motion that does."
         )
     said = [
-        _say_alternatives(name, causes[name]["confounded_with"]) for name in named if causes[name]["confounded_with"]
+        _say_alternatives(effects, name, causes[name]["confounded_with"])
+        for name in named
+        if causes[name]["confounded_with"]
     ]
     if not said:
         return "Nothing else explains this log nearly as well: no pair is confounded."
     return "What this log cannot tell apart, and the motion that would:\n\n" + "\n\n".join(said)
 
 
-def _say_alternatives(name: str, others: Sequence[str]) -> str:
+def _say_alternatives(effects: EffectCatalogue, name: str, others: Sequence[str]) -> str:
     """The alternatives of an effect of the verdict, the nearest first, and the motions that would separate them.
 
     Of many alternatives only the nearest are named: such a motion says little of the effect.
@@ -324,4 +330,4 @@ def _say_alternatives(name: str, others: Sequence[str]) -> str:
     said = f"{name_effect(name)[0].upper()}{name_effect(name)[1:]} may also be {', '.join(name_effect(o) for o in few)}"
     if more > 0:
         said += f", or one of {more} others (diagnosis.json has them): this motion tells little of it"
-    return f"{said}. {suggest_experiments(name, few)}"
+    return f"{said}. {suggest_experiments(effects, name, few)}"

@@ -2,33 +2,58 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
-from hdagen.diagnosis.inference.local_fit import Fit, advance_fit, rescale_spikes, start_fit
+from hdagen.diagnosis.inference.fit_steps import advance_fit
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
+from hdagen.diagnosis.inference.local_fit import Fit, rescale_spikes, start_fit
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import OperatingPoint, compute_sensitivities
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.null_model_settings import NULL_MODEL
 from hdagen.diagnosis.search.ripple_order import suggest_ripple_orders
 
 
-def fit_null_model(shooting: MultipleShooting) -> tuple[CandidateSet, Fit]:
+@dataclass(frozen=True, eq=False)
+class NullModel:
+    """The fitted null model, and the candidates as it prepares them.
+
+    Attributes:
+        shooting: the record and its model, which the search goes on with.
+        candidates: all candidates with their initial guess, the orders of ripples, and the spike width: a small misfit
+            of the null model leaves no room for large effects.
+        fit: the base parameters alone, without the columns of the fit.
+
+    """
+
+    shooting: MultipleShooting
+    candidates: CandidateSet
+    fit: Fit
+
+
+def fit_null_model(arm: Arm, record: WindowedRecord) -> NullModel:
     """Fit the null model, and prepare the candidates by it.
 
     Args:
-        shooting: the record and its model.
+        arm: the model with every effect.
+        record: windows of the log.
 
     Returns:
-        All candidates with their initial guess, the orders of ripples, and the spike width (a small misfit of the null
-        model leaves no room for large effects); and the fitted null model.
+        The fitted null model with the candidates.
 
     """
-    hints = guess_from_log(shooting.arm, shooting.record)
-    fit = fit_without_effects(shooting, build_candidates(shooting.arm, hints, shooting.record.joints_without_command))
-    return build_candidates(
-        shooting.arm, suggest_ripple_orders(fit, hints), shooting.record.joints_without_command
-    ).with_spike_scale(fit.sensitivities.candidates.spike_scale), fit
+    shooting = MultipleShooting(arm, record)
+    hints = guess_from_log(arm, record)
+    fit = fit_without_effects(shooting, build_candidates(arm, hints, record.joints_without_command))
+    candidates = build_candidates(arm, suggest_ripple_orders(fit, hints), record.joints_without_command)
+    return NullModel(
+        shooting, candidates.with_spike_scale(fit.sensitivities.candidates.spike_scale), fit.without_columns()
+    )
 
 
 def fit_without_effects(shooting: MultipleShooting, words: CandidateSet) -> Fit:

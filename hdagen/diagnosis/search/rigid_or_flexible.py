@@ -7,7 +7,7 @@ models.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,20 +18,22 @@ from hdagen.arm.compiled_arm import Arm, load
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import WindowedRecord, cut_windows
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, compute_sensitivities
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.fit_order import drop_columns, leaves_much, sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_search import SearchResult, run_races
 from hdagen.diagnosis.search.search_settings import SEARCH
+from hdagen.diagnosis.stages.stage import Stage, StageListener
 
-SPRING_EFFECT = "missing_compliance"
+LOGGER = logging.getLogger(__name__)
 
 
 def compare_with_springs(
-    robot: str | Path, arm: Arm, seen: WindowedRecord, window: float, found: SearchResult, say: Callable[[str], None]
+    robot: str | Path, arm: Arm, seen: WindowedRecord, window: float, found: SearchResult, on_stage: StageListener
 ) -> SearchResult:
     """Compare the search's result with a model that has springs in its rigid joints.
 
@@ -41,7 +43,7 @@ def compare_with_springs(
         seen: the record.
         window: length of a window, s.
         found: the result of the search.
-        say: receives a sentence as each stage begins.
+        on_stage: receives each stage as it begins.
 
     Returns:
         ``found`` with the fits of the model with springs.
@@ -52,12 +54,13 @@ def compare_with_springs(
     """
     if len(arm.manifest["flexible"]) == arm.n:
         return found
-    flexible = load(robot, "native", ("all", SPRING_EFFECT))
-    _report_rigid_joints(flexible, say)
+    springs = [name for name, traits in arm.effects.items() if traits.series_spring]
+    flexible = load(robot, "native", ("all", *springs))
+    _log_rigid_joints(flexible)
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
         return found  # no rotor that could turn by itself
     _narrow_spring_bounds(flexible)
-    say("a spring in what the robot file calls rigid")
+    on_stage(Stage.SPRINGS)
     shooting = MultipleShooting(
         flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SEARCH.spring_step
     )
@@ -69,7 +72,7 @@ def compare_with_springs(
     least = -np.inf
     if not leaves_much(lead, found.fits):  # a good fit must gain by springs before anything is tried beside them
         least = lead.evidence_here
-    fits = run_races(at, words, field, say, least)
+    fits = run_races(at, words, field, on_stage, least)
     return replace(found, fits=tuple(drop_columns(sort_by_evidence([*found.fits, *fits]))))
 
 
@@ -79,9 +82,7 @@ def _start_spring_fits(
     """Start the fits with springs: the springs alone at each size, and beside the effects found, where the springs
     alone promise less than these have reached. Then the springs alone stay only if they promise a share of that
     gain."""
-    springs = tuple(
-        k for k, atom in enumerate(words.members) if atom.effect == SPRING_EFFECT and atom.has_default_shapes
-    )
+    springs = tuple(k for k, atom in enumerate(words.members) if atom.traits.series_spring and atom.has_default_shapes)
     lead, near = sort_by_evidence(found.fits)[0], found.fits[0].score.posterior.s
     none = next((fit for fit in found.fits if not fit.effects), lead)
     beside = tuple(k for k, atom in enumerate(words.members) if atom.name in lead.names and atom.has_default_shapes)
@@ -116,13 +117,13 @@ def _carry_over_parameters(flexible: Arm, lead: Fit) -> Array:
     return np.array([stood.get(name, q.nominal) for name, q in flexible.parameters.described.items()])
 
 
-def _report_rigid_joints(flexible: Arm, say: Callable[[str], None]) -> None:
-    """Say which joints with a rotor stay rigid even here, and the number that prevents a spring."""
+def _log_rigid_joints(flexible: Arm) -> None:
+    """Log which joints with a rotor stay rigid even here, and the number that prevents a spring."""
     for j in range(1, flexible.n + 1):
         inertia = flexible.parameters[f"motor_inertia_{j}"]
         if j not in flexible.manifest["flexible"] and inertia:
             step = f"a step of {flexible.step_size:g} s carries no spring beside motor_inertia = {inertia:g} kg m²"
-            say(f"joint {j} stays rigid: {step}")
+            LOGGER.info("joint %d stays rigid: %s", j, step)
 
 
 def _narrow_spring_bounds(flexible: Arm) -> None:

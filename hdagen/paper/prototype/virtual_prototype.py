@@ -19,7 +19,9 @@ from numpy.typing import ArrayLike
 from hdagen.adoption.robot_file import RobotFile
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.arm.preset_files import find_preset_files
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle
 from hdagen.log.measured_log import Log
 from hdagen.simulation.simulated_sensors import Sensors
@@ -144,7 +146,7 @@ class Bench:
 
 
 def _open_preset(robot: str, arm: Arm) -> RobotFile:
-    return RobotFile((Path(__file__).parents[3] / "gen" / "presets" / f"{robot}.toml").read_bytes(), arm)
+    return RobotFile(find_preset_files()[robot].read_bytes(), arm)
 
 
 def _with_sensors(text: bytes, sensors: Sensors) -> bytes:

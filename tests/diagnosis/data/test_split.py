@@ -8,8 +8,9 @@ from hdagen.arm.compiled_arm import load
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion, mark_holdout_blocks, split_in_halves, split_logs
 from hdagen.diagnosis.data.windows import cut_windows
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import OperatingPoint, compute_sensitivities
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.log.measured_log import Log

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.decision import calibration
@@ -23,18 +24,21 @@ from hdagen.diagnosis.decision.posterior import (
     score_hypotheses,
 )
 from hdagen.diagnosis.inference.candidate_priors import Candidate
-from hdagen.diagnosis.inference.multiple_shooting import Rollout
+from hdagen.diagnosis.inference.rollout import Rollout
 
-PLACES = {
-    "thermal_friction@2": "motor",
-    "position_dependent_friction@2": "motor",
-    "position_dependent_friction@1": "motor",
-    "current_bias@2": "motor",
-    "kinematic_error@1": "transmission",
-    "encoder_eccentricity@1": "sensor",
-    "backlash@1": "transmission",
-    "contact@1": "link",
-    "link_flexibility@1": "link",
+TRAITS = {
+    entry: EFFECTS[entry.partition("@")[0]]
+    for entry in (
+        "thermal_friction@2",
+        "position_dependent_friction@2",
+        "position_dependent_friction@1",
+        "current_bias@2",
+        "kinematic_error@1",
+        "encoder_eccentricity@1",
+        "backlash@1",
+        "contact@1",
+        "link_flexibility@1",
+    )
 }
 
 
@@ -57,7 +61,7 @@ def test_what_may_only_make_up_for_a_formula_must_bring_a_share(leader: str, com
         (1.1 * DECISION.form_correction_share, both),
     ):
         evidence = {(): -50.0, (leader,): 0.0, (companion,): -49.0, both: 50.0 * share}
-        assert _drop_negligible(both, {leader: 3.0, companion: 2.0}, evidence, PLACES) == said
+        assert _drop_negligible(both, {leader: 3.0, companion: 2.0}, evidence, TRAITS) == said
 
 
 def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
@@ -66,8 +70,8 @@ def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
     evidence = {(): -500.0, (gear,): -20.0, (gear, friction): 0.0, names: 5.0}
     evidence |= {(gear, other): -19.0, tuple(sorted((friction, other))): -470.0}
     size = dict.fromkeys(names, 2.0)
-    assert _drop_negligible(names, size, evidence, PLACES) == names  # 5 of 20, though the gear's gain is 480
-    assert _drop_negligible(names, size, evidence | {names: 3.0}, PLACES) == (gear, friction)
+    assert _drop_negligible(names, size, evidence, TRAITS) == names  # 5 of 20, though the gear's gain is 480
+    assert _drop_negligible(names, size, evidence | {names: 3.0}, TRAITS) == (gear, friction)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +108,7 @@ class Stands(SimpleNamespace):
 
 def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
-    atoms = tuple(Candidate(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
+    atoms = tuple(Candidate(EFFECTS[name], 2, (), {}, True) for name in ("thermal_friction", "current_bias"))
     words = SimpleNamespace(
         members=atoms, amplitude_columns=list, to_theta=lambda p: p, presence_threshold=lambda k: 0.3
     )
@@ -196,7 +200,7 @@ def test_what_was_not_worth_a_fit_is_none_as_far_as_it_is_too_small_to_count() -
 
     def stated(large: float) -> float:
         search = beside_a_bias(0.2, 0.0)
-        search.candidates.members += (Candidate("payload", 1, "link", (), {}, True),)
+        search.candidates.members += (Candidate(EFFECTS["payload"], 1, (), {}, True),)
         search.screened.append(SimpleNamespace(effects=(2,), evidence=-60.0, presence_probability=large))
         search.fits[0].tempered_evidence = lambda *_: -60.0
         found = score_hypotheses(search)
@@ -211,7 +215,7 @@ def test_what_was_not_worth_a_fit_is_none_as_far_as_it_is_too_small_to_count() -
 def test_what_is_too_small_is_not_in_the_set() -> None:
     names = ("current_bias@2", "thermal_friction@2")
     assert (
-        _drop_negligible(names, dict(zip(names, (0.99, 3.0), strict=True)), {(): -9.0, names: 0.0}, PLACES) == names[1:]
+        _drop_negligible(names, dict(zip(names, (0.99, 3.0), strict=True)), {(): -9.0, names: 0.0}, TRAITS) == names[1:]
     )
 
 

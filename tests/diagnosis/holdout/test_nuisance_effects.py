@@ -13,6 +13,7 @@ from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
 from hdagen.adoption import verdict
+from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
@@ -27,7 +28,7 @@ from hdagen.prediction.window_replay import Replay, replay
 Builder = Callable[..., Compiled]
 EFFECTS = ("cable_spring", "current_bias")
 SIZE = 0.1  # usual sizes of what is there
-NOTHING = {"schema": verdict.SCHEMA, "verdict": [], "causes": [], "parameters": {}}
+NOTHING = {"schema": SCHEMA, "verdict": [], "causes": [], "parameters": {}}
 
 
 def stands(arm: Arm, words: CandidateSet, size: float, std: float, atoms: tuple[int, ...] = ()) -> Any:

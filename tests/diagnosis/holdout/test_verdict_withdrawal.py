@@ -13,6 +13,7 @@ from hdagen.adoption import verdict
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
+from hdagen.diagnosis.decision.verdict_content import StatedEffects
 from hdagen.diagnosis.holdout import verdict_withdrawal
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
@@ -170,14 +171,8 @@ def test_what_is_said_never_leaves_more_than_the_robot_file(
     named: float, based: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever effect and base parameters leave together, and the effect alone, in shares of what there was."""
-    content: dict[str, Any] = {
-        "schema": 1,
-        "verdict": ["payload@2"],
-        "causes": [{"effect": "payload", "joint": 2, "parameters": {"payload": {"value": 1.0}}}],
-        "parameters": {"mass_1": {"value": 2.0}},
-        "sure": True,
-        "where": [],
-    }
+    cause = {"effect": "payload", "joint": 2, "parameters": {"payload": {"value": 1.0}}}
+    stated = StatedEffects(("payload@2",), (cause,))
     plain: Any = "robot file"
     both: Any = "all effects"
 
@@ -186,11 +181,12 @@ def test_what_is_said_never_leaves_more_than_the_robot_file(
 
     monkeypatch.setattr(verdict, "apply_verdict", lambda _, said: (said, []))
     other = HoldoutMotion(HELD, simulate, replay(FAR), replay(FAR), left(0.1, 0.1))
-    model, after = withdraw_harmful(plain, both, content, [other])
-    gap = content["gap"]
+    found = withdraw_harmful(plain, both, stated, [other], {"mass_1": {"value": 2.0}})
+    gap, model = found.gap, found.arm
     assert gap["after"] <= gap["before"] and gap["achievable"] <= min(gap["after"], gap["flexible"])
-    assert gap["after"] == pytest.approx(after.gap, rel=1e-9)
-    assert (model is both) == (content["verdict"] == ["payload@2"]) == (min(named, named * based) < 1.0)
+    assert gap["after"] == pytest.approx(found.after.gap, rel=1e-9)
+    assert (model is both) == (found.effects == ("payload@2",)) == (not found.is_withdrawn)
+    assert (model is both) == (min(named, named * based) < 1.0)
     assert (gap["after"] == gap["before"]) == (model is plain)
 
 
@@ -199,12 +195,12 @@ def test_what_makes_one_motion_worse_is_withdrawn(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(verdict, "apply_verdict", lambda arm, _: (arm, []))
     cause = {"effect": "payload", "joint": 2, "parameters": {"payload": {"value": 1.0}}}
     better, worse = motion(left(0.1, 0.1)), motion(left(1.1, 1.1))
-    for motions, kept in (([better], ["payload@2"]), ([better, worse], []), ([worse, better], [])):
-        content: dict[str, Any] = {"schema": 1, "verdict": ["payload@2"], "causes": [cause], "parameters": {}}
+    stated = StatedEffects(("payload@2",), (cause,))
+    for motions, kept in (([better], ("payload@2",)), ([better, worse], ()), ([worse, better], ())):
         plain: Any = "robot file"
-        withdraw_harmful(plain, plain, content, motions)
-        assert content["verdict"] == kept
-        assert (content["gap"]["after"] < content["gap"]["before"]) == bool(kept)
+        found = withdraw_harmful(plain, plain, stated, motions, {})
+        assert found.effects == kept
+        assert (found.gap["after"] < found.gap["before"]) == bool(kept)
 
 
 def strange(probability: float) -> Decision:
@@ -348,7 +344,7 @@ def test_a_size_at_an_end_of_what_it_may_be_is_more_than_is_known(
     parameters = {"torsional_stiffness": inner, "torsional_damping": estimate}
     cause = {"effect": "joint_damping", "joint": 2, "parameters": parameters}
     other = {"effect": "joint_damping", "joint": 1, "parameters": {"torsional_damping": inner}}
-    assert is_at_bound({"verdict": verdict, "causes": [cause, other]}) == says
+    assert is_at_bound(verdict, [cause, other]) == says
 
 
 @pytest.mark.parametrize(

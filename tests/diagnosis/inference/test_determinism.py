@@ -17,8 +17,7 @@ from test_shooting import EFFECTS, shooting
 
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.diagnosis.inference import multiple_shooting as shootings
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.search.null_model import fit_null_model
+from hdagen.diagnosis.search.null_model import fit_null_model, fit_without_effects
 from hdagen.support import parallel
 
 Builder = Callable[..., Compiled]
@@ -36,16 +35,18 @@ def test_a_fit_is_the_same_to_the_bit_with_one_thread_and_two(build: Builder, mo
     for threads in (1, 2, 2):
         monkeypatch.setattr(parallel, "THREAD_COUNT", threads)
         monkeypatch.setattr(shootings, "THREAD_COUNT", threads)
-        words, fit = fit_null_model(MultipleShooting(Arm(build(FLEXIBLE, "native", EFFECTS).folder), record))
+        null = fit_null_model(Arm(build(FLEXIBLE, "native", EFFECTS).folder), record)
+        fit = fit_without_effects(null.shooting, null.candidates)
         found.append(
             (
+                null.fit.score.evidence,
                 fit.score.evidence,
                 fit.evidence_here,
                 fit.sensitivities.point.p.tobytes(),
                 fit.sensitivities.columns.tobytes(),
             )
         )
-        assert words.spike_scale == fit.sensitivities.candidates.spike_scale
+        assert null.candidates.spike_scale == null.fit.sensitivities.candidates.spike_scale
     assert found[0] == found[1] == found[2]
 
 

@@ -7,22 +7,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 
-from hdagen.diagnosis.inference import local_fit
+from hdagen.diagnosis.inference import fit_steps
 from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
 from hdagen.diagnosis.inference.fit_settings import FIT
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel, NormalEquations
-from hdagen.diagnosis.inference.local_fit import Fit, advance_fit
+from hdagen.diagnosis.inference.fit_steps import advance_fit
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, NormalEquations
+from hdagen.diagnosis.inference.linear_model import LinearModel
+from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.inference.marginal_likelihood import (
     TORQUE_GRID,
     apply_laplace,
     compute_posteriors,
     solve_with_scales,
 )
-from hdagen.diagnosis.search import hypothesis_search, multistart
-from hdagen.diagnosis.search.fit_order import first_with_columns
-from hdagen.diagnosis.search.hypothesis_search import _drop_undeserved, _run_race, _start_promising
+from hdagen.diagnosis.search import close_calls, hypothesis_race, multistart
+from hdagen.diagnosis.search.fit_order import drop_undeserved, first_with_columns
+from hdagen.diagnosis.search.hypothesis_race import run_race, start_promising
 from hdagen.diagnosis.search.search_settings import SEARCH
 
 
@@ -134,8 +137,8 @@ def test_a_step_is_kept_that_beats_what_was_reached(
             )
         )
 
-    monkeypatch.setattr(local_fit, "descend_gauss_newton", descend)
-    monkeypatch.setattr(local_fit, "_linearize_at", lambda shooting, words, atoms, point, near, clean: fit(point))
+    monkeypatch.setattr(fit_steps, "descend_gauss_newton", descend)
+    monkeypatch.setattr(fit_steps, "start_fit_at", lambda shooting, words, atoms, point, near, clean: fit(point))
     moved = advance_fit(begun, None)  # type: ignore[arg-type]
     assert moved.score.evidence == found and shares == tried
     assert moved.has_converged == (found == -100.0)
@@ -144,21 +147,21 @@ def test_a_step_is_kept_that_beats_what_was_reached(
 
 def test_a_fit_that_hardly_gets_better_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     there: Any = SimpleNamespace(cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=0)
-    monkeypatch.setattr(local_fit, "descend_gauss_newton", lambda *given: there)
+    monkeypatch.setattr(fit_steps, "descend_gauss_newton", lambda *given: there)
     for gain in (0.5 * FIT.least_evidence_step, 2 * FIT.least_evidence_step):
-        monkeypatch.setattr(local_fit, "_linearize_at", lambda *given, end=-100.0 + gain: fit(end))
+        monkeypatch.setattr(fit_steps, "start_fit_at", lambda *given, end=-100.0 + gain: fit(end))
         assert advance_fit(fit(-100.0, 0.5), None).has_converged == (gain < FIT.least_evidence_step)  # type: ignore[arg-type]
 
 
 def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """A step may end where a linear model promises much that the steps after it do not come to."""
     way = iter([(-95.0, 3.0), (-40.0, 200.0), (-60.0, 190.0)])
-    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: fit(*next(way)))
-    found = hypothesis_search._continue_fit(fit(-100.0, 1.0), None, 3, 1.0)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "advance_fit", lambda one, words: fit(*next(way)))
+    found = hypothesis_race.continue_fit(fit(-100.0, 1.0), None, 3, 1.0)  # type: ignore[arg-type]
     assert (found.score.evidence, found.evidence_here) == (-95.0, -98.0)
     realised = iter([(-40.0, 200.0), (-41.0, 10.0), (-41.0, 0.5), (-41.0, 0.5)])
-    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: fit(*next(realised)))
-    assert hypothesis_search._continue_fit(fit(-100.0), None, 8, 1.0).evidence_here == -41.5  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "advance_fit", lambda one, words: fit(*next(realised)))
+    assert hypothesis_race.continue_fit(fit(-100.0), None, 8, 1.0).evidence_here == -41.5  # type: ignore[arg-type]
 
 
 class Runner(SimpleNamespace):
@@ -195,10 +198,10 @@ def test_who_trails_by_little_is_fitted_to_the_end(
         fitted.append(one.names)
         return one
 
-    monkeypatch.setattr(hypothesis_search, "_advance_with_report", further)
+    monkeypatch.setattr(hypothesis_race, "advance_with_report", further)
     ends = {"": 0.0, "leading": lead, "other": other}
-    monkeypatch.setattr(hypothesis_search, "_is_outdone", lambda none, lead: False)
-    found = _run_race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "_is_outdone", lambda none, lead: False)
+    found = run_race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", "other", ""]
     assert fitted.count("other") == rounds
 
@@ -206,7 +209,7 @@ def test_who_trails_by_little_is_fitted_to_the_end(
 def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
     )
     ends = {
         "": 0.0,
@@ -214,8 +217,8 @@ def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatc
         "some": 4 * SEARCH.close_call_margin,
         "faint": 2 * SEARCH.close_call_margin,
     }
-    monkeypatch.setattr(hypothesis_search, "_is_outdone", lambda none, lead: False)
-    found = _run_race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "_is_outdone", lambda none, lead: False)
+    found = run_race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
     assert set(fitted) == {"", "leading", "some"}
     assert [f.names for f in found] == ["leading", "some", "faint", ""]
 
@@ -233,15 +236,15 @@ def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkey
     at: Any = SimpleNamespace(shooting=SimpleNamespace(arm=None))
     scored: Any = [SimpleNamespace(effects=(), evidence=-7.0, posterior=SimpleNamespace(s=0.1))]
     scored += [SimpleNamespace(effects=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
-    monkeypatch.setattr(hypothesis_search, "start_fit", lambda at, words, atoms, near, start: atoms)
+    monkeypatch.setattr(hypothesis_race, "start_fit", lambda at, words, atoms, near, start: atoms)
     assert gains["faint"] > SEARCH.least_evidence_gain
-    assert _start_promising(at, words, scored, {}, (), 9, SEARCH.least_evidence_gain) == [(0,), (1,)]  # type: ignore[comparison-overlap]
+    assert start_promising(at, words, scored, {}, (), 9, SEARCH.least_evidence_gain) == [(0,), (1,)]  # type: ignore[comparison-overlap]
 
 
 def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
     )
     field = runners(
         {
@@ -251,7 +254,7 @@ def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypa
             "b": 9.7 * SEARCH.close_call_margin,
         }
     )
-    _run_race(field, None, (1, 1), lambda word: None)  # type: ignore[arg-type]
+    run_race(field, None, (1, 1), lambda word: None)  # type: ignore[arg-type]
     assert {name: fitted.count(name) for name in ("ab", "abc", "a", "b")} == {"ab": 2, "abc": 2, "a": 2, "b": 1}
 
 
@@ -267,7 +270,7 @@ def test_a_set_leads_only_if_it_is_ahead_by_more_than_the_prior_takes(ahead: flo
     field: Any = [
         Whole(effects=tuple(n), names=n, score=SimpleNamespace(evidence=e), evidence_here=e) for n, e in ends.items()
     ]
-    found = _drop_undeserved(field)
+    found = drop_undeserved(field)
     assert [f.names for f in found] == list(ends)  # none is lost
     assert first_with_columns(found).names == leads
 
@@ -278,10 +281,10 @@ def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_t
 ) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
     )
     field = runners({"": -2000.0 * lacks, "leading": -2000.0})
-    found = _run_race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    found = run_race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", ""]
     assert fitted.count("leading") == 3 and fitted.count("") == rounds
 
@@ -289,12 +292,12 @@ def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_t
 def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:
     """Dry friction makes a small tilt no small matter; of a sine and a cosine of a known order a slope says all."""
     names = ["tilt_x", "tilt_y", "ripple_sine_1", "ripple_cosine_1", "ripple_order_1"]
-    q = SimpleNamespace(low=-10.0, high=10.0)
-    parameters = SimpleNamespace(described=dict.fromkeys(names, q), clip_to_bounds=np.array, place=names.index)
+    described = {name: SimpleNamespace(low=-10.0, high=10.0, is_motor_order="order" in name) for name in names}
+    parameters = SimpleNamespace(described=described, clip_to_bounds=np.array, place=names.index)
     arm = SimpleNamespace(parameters=parameters)
     atoms = (
-        Candidate("gravity_tilt", 0, "link", ("tilt_x", "tilt_y"), {}, True),
-        Candidate("torque_ripple", 1, "motor", ("ripple_sine_1", "ripple_cosine_1"), {"ripple_order_1": 2.0}, True),
+        Candidate(EFFECTS["gravity_tilt"], 0, ("tilt_x", "tilt_y"), {}, True),
+        Candidate(EFFECTS["torque_ripple"], 1, ("ripple_sine_1", "ripple_cosine_1"), {"ripple_order_1": 2.0}, True),
     )
     columns = tuple(Column(name, k, 0.0, 1.0, 0.05, k // 2, False) for k, name in enumerate(names[:4]))
     words = CandidateSet(atoms, columns)
@@ -347,7 +350,7 @@ def test_what_begins_where_the_lead_stands_ends_where_it_does_not_come_close(
         return SimpleNamespace(effects=(0,), score=score, evidence_here=score.evidence, **given)
 
     walk = [runner(step) for step in steps]
-    monkeypatch.setattr(hypothesis_search, "_advance_with_report", lambda words, say, when, one: walk.pop(0))
+    monkeypatch.setattr(close_calls, "advance_with_report", lambda words, say, when, one: walk.pop(0))
     begin: Any = (lambda lead, words, atoms: runner(-4.0), (0,))
-    found = hypothesis_search._fit_from_leader(runner(0.0), None, lambda word: None, begin)  # type: ignore[arg-type]
+    found = close_calls.fit_from_leader(runner(0.0), None, lambda word: None, begin)  # type: ignore[arg-type]
     assert found.has_columns == close and not walk

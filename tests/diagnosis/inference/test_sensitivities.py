@@ -8,22 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
-from hdagen.diagnosis.inference import gauss_newton, local_fit
+from hdagen.diagnosis.inference import alternative_starts, gauss_newton
+from hdagen.diagnosis.inference.alternative_starts import refit_from_start
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
-from hdagen.diagnosis.inference.local_fit import refit_from_start
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
-from hdagen.diagnosis.inference.sensitivities import (
-    OperatingPoint,
-    Sensitivities,
-    compute_sensitivities,
-    weigh_residual,
-)
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.rollout import Rollout
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, weigh_residual
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.null_model import make_nominal_point
@@ -95,8 +93,8 @@ def test_a_set_begins_anew_from_the_robot_files_numbers_with_its_own_effects(mon
     names = ["mass_1", "payload_mass_2", "contact_stiffness_above_1", "contact_above_1"]
     arm = SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(names)))
     atoms = (
-        Candidate("payload", 2, "link", ("payload_mass_2",), {}, True),
-        Candidate("contact", 1, "link", ("contact_stiffness_above_1",), {"contact_above_1": 1.0}, True),
+        Candidate(EFFECTS["payload"], 2, ("payload_mass_2",), {}, True),
+        Candidate(EFFECTS["contact"], 1, ("contact_stiffness_above_1",), {"contact_above_1": 1.0}, True),
     )
     bent = SimpleNamespace(p=np.array([9.0, 0.5, 70.0, 0.8]))
     shooting = SimpleNamespace(arm=arm, measured_initial_states=lambda p: p[:1])
@@ -104,7 +102,7 @@ def test_a_set_begins_anew_from_the_robot_files_numbers_with_its_own_effects(mon
     fit: Any = SimpleNamespace(
         sensitivities=at, score=SimpleNamespace(posterior=SimpleNamespace(s=0.1)), noise_only_evidence=-1.0
     )
-    monkeypatch.setattr(local_fit, "_linearize_at", lambda shooting, words, atoms, point, near, clean: point)
+    monkeypatch.setattr(alternative_starts, "start_fit_at", lambda shooting, words, atoms, point, near, clean: point)
     start = OperatingPoint(np.array([1.0, 0.0, 0.0, 1.0]), np.zeros(1))
     for some, p in (((0,), [1.0, 0.5, 0.0, 1.0]), ((0, 1), [1.0, 0.5, 70.0, 0.8])):
         begun: Any = refit_from_start(start, fit, CandidateSet(atoms, ()), some)

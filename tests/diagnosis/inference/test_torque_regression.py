@@ -14,14 +14,14 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.fit_order import sort_by_evidence
-from hdagen.diagnosis.search.hypothesis_search import search_effects
+from hdagen.diagnosis.search.hypothesis_search import search_hypotheses
 from hdagen.diagnosis.search.null_model import fit_null_model
+from hdagen.diagnosis.stages.stage import ignore_stage
 from hdagen.log.column_map import name_command_channel
 from hdagen.log.measured_log import Log
 
@@ -106,8 +106,8 @@ def test_the_search_ends_with_all_frictions_that_the_file_lacks(build: Builder, 
     arm = legs(build, *stated)
     truth = TRUTH if not any(stated) else {"coulomb_friction_1": 2.5, "coulomb_friction_2": 2.0}
     log = driven(arm, truth, gain=40.0 if not any(stated) else 120.0)
-    shooting = MultipleShooting(arm, cut_windows(arm, LogPortion.all_rows(log), 0.05))
-    best = sort_by_evidence(search_effects(shooting, fit_null_model(shooting)[0], lambda word: None).fits)[0]
+    null = fit_null_model(arm, cut_windows(arm, LogPortion.all_rows(log), 0.05))
+    best = sort_by_evidence(search_hypotheses(null.shooting, null.candidates, ignore_stage).fits)[0]
     assert best.names == tuple(sorted(name.replace("_1", "@1").replace("_2", "@2") for name in truth))
     names = list(arm.parameters.described)
     fitted = {name: float(best.sensitivities.point.p[names.index(name)]) for name in truth}

@@ -14,6 +14,7 @@ from typing import Any
 import arms
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 from compiled import Compiled
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,6 +22,7 @@ from replayed import SENSORS, simulated
 
 from gen.effects import ALL
 from hdagen.adoption import verdict
+from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion, mark_holdout_blocks
@@ -72,19 +74,19 @@ def content(said: list[str], sets: list[list[str]], **changes: Any) -> dict[str,
     """diagnosis.json of a verdict and sets of effects, the most probable first."""
     p = 0.5 ** np.arange(1, len(sets) + 1)
     return {
-        "schema": 1,
+        "schema": SCHEMA,
         "verdict": said,
         "sure": False,
         "where": [],
         "causes": CAUSES,
         "hypotheses": [{"effects": e, "probability": float(q / p.sum())} for e, q in zip(sets, p, strict=True)],
         "parameters": {},
-        "unseen": [],
-        "doubted": None,
+        "undetectable": [],
+        "doubts": None,
         "contradicted": None,
         "moments": [],
-        "alone": [],
-        "tolerated": [],
+        "direct_evidence": [],
+        "nuisance_effects": [],
         "small": [],
         "remains": [],
         "as_good_as_it_gets": False,
@@ -95,14 +97,14 @@ def content(said: list[str], sets: list[list[str]], **changes: Any) -> dict[str,
 
 SETS = [*map(list, itertools.permutations(VERDICTS, 2)), *([one] for one in VERDICTS)]
 MORE: dict[str, list[Any]] = {
-    "doubted": [None, *({"verdict": one, "joint": 1, "left": 0.9} for one in VERDICTS[:2])],
+    "doubts": [None, *({"verdict": one, "joint": 1, "left": 0.9} for one in VERDICTS[:2])],
     "causes": [CAUSES, []],
-    "unseen": [[], [FRICTION, BIAS]],
+    "undetectable": [[], [FRICTION, BIAS]],
     "parameters": [{}, {"mass_1": estimate(2.0)}],
     "remains": [[], [{"joint": 1, "share": 0.5, "noise": 20.0}]],
     "as_good_as_it_gets": [False, True],
     "small": [[], [{"effect": "gravity_tilt", "joint": 0, "with": 2.0, "without": 2.1}]],
-    "tolerated": [[], [{"effect": "gravity_tilt", "joint": 0, "parameters": {}, "size": 0.1, "gap": 0.2}]],
+    "nuisance_effects": [[], [{"effect": "gravity_tilt", "joint": 0, "parameters": {}, "size": 0.1, "gap": 0.2}]],
 }
 
 
@@ -112,7 +114,7 @@ def test_every_sentence_is_written(said: list[str]) -> None:
     one_changed = [(key, value) for key, values in MORE.items() for value in values]
     for sets, told, (key, value) in itertools.product(SETS, GAPS, one_changed):
         shown = content(said, sets, gap=told | {"floor": 1.0, "by_channel": CHANNEL}, **{key: value})
-        for text in (write_verdict(shown), explain_confounding(shown)):
+        for text in (write_verdict(shown), explain_confounding(EFFECTS, shown)):
             assert text and "nan" not in text and "None" not in text
 
 
@@ -165,7 +167,7 @@ def test_every_decision_can_be_said(weights: list[float], strange: float | None,
         assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
         assert found.verdict in [h.names for h in found.hypotheses]
         for said in (list(found.verdict), [n for n in found.verdict if n.startswith("unknown@")]):  # or withdrawn
-            assert write_verdict(_told(found, said)) and explain_confounding(_told(found, said))
+            assert write_verdict(_told(found, said)) and explain_confounding(EFFECTS, _told(found, said))
 
 
 def _told(found: Decision, said: list[str]) -> dict[str, Any]:
@@ -181,9 +183,10 @@ def test_a_verdict_without_a_spring_is_replayed_with_rigid_drives() -> None:
         best=SimpleNamespace(sensitivities=SimpleNamespace(shooting=SimpleNamespace(arm=springs)))
     )
     said = content([FRICTION], [[FRICTION]], parameters={"mass_1": estimate(2.0)})
-    assert choose_model(rigid, one, said) is rigid
+    assert choose_model(rigid, one, verdict.read_verdict(said)) is rigid
     spring = cause("missing_compliance@1", 0.9, {"missing_compliance": estimate(1e-4)})
-    assert choose_model(rigid, one, content(["missing_compliance@1"], [[FRICTION]], causes=[spring])) is springs
+    bent = content(["missing_compliance@1"], [[FRICTION]], causes=[spring])
+    assert choose_model(rigid, one, verdict.read_verdict(bent)) is springs
 
 
 # -- pages ------------------------------------------------------------------------------------------------------------
@@ -254,10 +257,10 @@ def test_every_page_is_written(one: tuple[Arm, Log], which: str, tmp_path: Path)
         after = replay(arm, log, with_=verdict.read_verdict(said))
         said |= {"gap": evaluate_gap(before, after, held), "data": {"rate": 1e3, "duration": 1.6, "held_out": "blocks"}}
         rung = {"effects": [], "probability": None, "gap": 2.0, "interval": None}
-        said |= {"ladder": [rung | {"model": model} for model in ("robot file", "verdict")]}
+        said |= {"ranking": [rung | {"model": model} for model in ("robot file", "verdict")]}
         said |= {"control": {"refused": "no speed limit"} if k % 2 else None}
-        sight = see_residual_torque(arm, said, log, before, after)
-        said["where"] = localize_gap(sight, said, held.rows)
+        sight = see_residual_torque(arm, verdict.read_verdict(said), log, before, after)
+        said["where"] = localize_gap(sight, said["verdict"], held.rows)
         seen = HoldoutMotion(held, lambda _: before, before, before, before)
         found = SimpleNamespace(content=said, after=after, holdout=seen, residual_torque=sight)
         report_page.write_report(found, tmp_path / "report.html", "again")  # type: ignore[arg-type]

@@ -1,0 +1,111 @@
+"""The check of a decision on held-out motion: withdrawn, doubted, or searched again over long windows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from hdagen.diagnosis.data.models import Models
+from hdagen.diagnosis.data.prepared_data import PreparedData
+from hdagen.diagnosis.decision.direct_evidence import DirectEvidence
+from hdagen.diagnosis.decision.posterior import Decision
+from hdagen.diagnosis.decision.wrong_robot import refuse_wrong_robot
+from hdagen.diagnosis.holdout.contradicting_holdout import find_contradiction
+from hdagen.diagnosis.holdout.holdout_check import HoldoutJudge, SettledStatement, choose_decision
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
+from hdagen.diagnosis.long_horizon import search_long_horizon
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
+from hdagen.diagnosis.stages.optional_stages import Attempts
+from hdagen.diagnosis.stages.stage import Stage, StageListener
+from hdagen.log.data_table import LogError
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedVerdict:
+    """A verdict after its check on held-out motion.
+
+    Attributes:
+        settled: the statement that stays, with its doubts.
+        direct_evidence: the effects with direct evidence, whether the verdict names them or not.
+        contradiction: of diagnosis.json: how the hold-out contradicts the log; None where it does not.
+        motion: the held-out motion on which the gap is measured.
+        failures: a sentence for each stage that was left out.
+
+    """
+
+    settled: SettledStatement
+    direct_evidence: tuple[DirectEvidence, ...]
+    contradiction: Mapping[str, Any] | None
+    motion: HoldoutMotion
+    failures: tuple[str, ...]
+
+
+def check_on_holdout(
+    models: Models,
+    data: PreparedData,
+    search: SearchResult,
+    scores: Decision,
+    direct: Sequence[DirectEvidence],
+    unseen: HoldoutMotion,
+    on_stage: StageListener,
+) -> CheckedVerdict:
+    """Check a decision on held-out motion.
+
+    Hold-out logs are split in halves: one decides which effects stand, the gap is measured on the other.
+
+    Args:
+        models: of the robot.
+        data: of the diagnosis.
+        search: the result of the search.
+        scores: the decision by the fitted motion.
+        direct: effects with direct evidence.
+        unseen: the held-out motion.
+        on_stage: receives each stage as it begins.
+
+    Returns:
+        The verdict that the motion confirms.
+
+    Raises:
+        LogError: the log says that the robot file is another machine's.
+        PlantError: a model cannot be simulated.
+
+    """
+    attempts = Attempts()
+    scores = _check_robot(scores, data)
+    contradiction, judged, measured = None, unseen, unseen
+    if data.holdout:
+        judged, measured = unseen.split_in_halves()
+        compare = partial(find_contradiction, models.nominal, scores, data.fitted, data.replay_fitted, unseen)
+        contradiction = attempts.attempt("whether the hold-out is of this machine", compare, None)
+    judge = HoldoutJudge(models.nominal, models.full, search, direct, judged)
+    on_stage(Stage.HOLDOUT)
+    if contradiction:
+        settled = judge.withhold_verdict(scores, measured)
+    else:
+        search_long = partial(_search_long_windows, models, data, search, direct, attempts, on_stage)
+        settled = judge.settle_decision(_check_robot(choose_decision(scores, judge, search_long), data), measured)
+    return CheckedVerdict(settled, tuple(direct), contradiction, measured, tuple(attempts.failures))
+
+
+def _check_robot(decision: Decision, data: PreparedData) -> Decision:
+    """Return the decision. Raise LogError where it says that the robot file is another machine's."""
+    if not decision.is_unknown and (refused := refuse_wrong_robot(decision.best)):
+        raise LogError([f"{data.logs[0].source}: {refused}"])
+    return decision
+
+
+def _search_long_windows(
+    models: Models,
+    data: PreparedData,
+    search: SearchResult,
+    direct: Sequence[DirectEvidence],
+    attempts: Attempts,
+    on_stage: StageListener,
+    strange: Decision,
+) -> Decision | None:
+    """The decision of a search over long windows, for one that names something unknown; None where it finds nothing."""
+    on_stage(Stage.LONG_HORIZON)
+    work = partial(search_long_horizon, strange, search, models.full, data.fitted, data.window, direct)
+    return attempts.attempt("the search over long windows", work, None)
