@@ -85,7 +85,7 @@ def update_tables(text: str, found: SourceContents) -> str:
         ValueError: A marker stands alone.
 
     """
-    for name, table in (DOCUMENT_TABLES | SETTINGS_TABLES).items():
+    for name, table in DOCUMENT_TABLES.items():
         begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->\n"
         if begin not in text and end not in text:
             continue
@@ -111,12 +111,8 @@ DOCUMENT_TABLES: dict[str, Callable[[SourceContents], str]] = {
     "blind": lambda found: rates.render_table(found["blind"]),
     "headline": lambda found: rates.render_headline_table(found["blind"]),
     **real_machine_tables.MACHINE_TABLES,
+    **{f"settings {stage}": partial(_build_settings_table, stage) for stage in STAGE_SETTINGS},
     "results": lambda found: f"\n{document_tables.render_tables(found['paper'])}\n\n",
-}
-
-
-SETTINGS_TABLES: dict[str, Callable[[SourceContents], str]] = {
-    f"settings {stage}": partial(_build_settings_table, stage) for stage in STAGE_SETTINGS
 }
 
 
