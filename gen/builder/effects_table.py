@@ -10,7 +10,7 @@ from gen.builder.effect_figures import draw_effect
 from gen.effects import ALL, NOMINAL
 from gen.effects.effect import Effect, Parameter
 
-INTRODUCTION = """# Effects
+EFFECTS_INTRODUCTION = """# Effects
 
 `python -m gen.builder.effects_table docs` prints this page from the equations in `gen/effects`, one file an effect.
 
@@ -52,7 +52,7 @@ def make_effects_page() -> str:
 
     """
     added = tuple(effect for effect in ALL if effect not in NOMINAL)
-    parts = [INTRODUCTION, EFFECTS_TABLE_HEAD, *map(_effect_row, ALL)]
+    parts = [EFFECTS_INTRODUCTION, EFFECTS_TABLE_HEAD, *map(_effect_row, ALL)]
     for title, text, effects in (("In every model", STATED, NOMINAL), ("Added", ADDED, added)):
         parts += [f"\n## {title}\n\n{text}", *map(_effect_section, effects)]
     return "".join(parts)

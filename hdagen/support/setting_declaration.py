@@ -30,7 +30,7 @@ class Setting:
     chosen_on: str
 
 
-def setting(value: Value, unit: str, reason: str, chosen_on: str = NOT_KNOWN) -> Value:
+def declare_setting(value: Value, unit: str, reason: str, chosen_on: str = NOT_KNOWN) -> Value:
     """Declare a field of a frozen settings class.
 
     Args:

@@ -4,57 +4,61 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hdagen.support.setting_declaration import setting
+from hdagen.support.setting_declaration import declare_setting
 
 
 @dataclass(frozen=True)
 class ExplanationSettings:
     """Where and when a gap lies: residual torque, tests of regressors, spectra."""
 
-    velocity_filter_width: float = setting(
+    velocity_filter_width: float = declare_setting(
         0.007, "s", "moving average before the velocity that friction depends on: it keeps reversals in place"
     )
-    neighbour_gap: float = setting(3.5, "periods", "rows further apart are no neighbours")
-    reversal_reach: float = setting(
+    neighbour_gap: float = declare_setting(3.5, "periods", "rows further apart are no neighbours")
+    reversal_reach: float = declare_setting(
         0.5, "of the filter's width", "rows this close to a reversal mix friction of both signs"
     )
-    torsion_step_share: float = setting(1e-3, "of the largest torque of the links", "step for the springs' slope")
-    infinite_log_gap: float = setting(1e3, "1", "replaces the logarithm of an infinite gap")
-    least_place_share: float = setting(
+    torsion_step_share: float = declare_setting(
+        1e-3, "of the largest torque of the links", "step for the springs' slope"
+    )
+    infinite_log_gap: float = declare_setting(1e3, "1", "replaces the logarithm of an infinite gap")
+    least_place_share: float = declare_setting(
         0.01,
         "of the closed gap",
         "the base parameters of a place with less are not named: a smaller place is not worth a line",
     )
-    constant_share: float = setting(0.8, "of the rms", "with a larger mean a quantity is mostly constant")
-    least_explained_share: float = setting(
+    constant_share: float = declare_setting(0.8, "of the rms", "with a larger mean a quantity is mostly constant")
+    least_explained_share: float = declare_setting(
         0.2, "of a variance", "a regressor that explains less is not named: less describes little"
     )
-    integration_step: float = setting(1e-3, "s", "longest step of an integration")
-    largest_motor_order: int = setting(
+    integration_step: float = declare_setting(1e-3, "s", "longest step of an integration")
+    largest_motor_order: int = declare_setting(
         24, "cycles in a turn of the motor", "orders up to it are examined: cogging and gear orders"
     )
-    counted_second: float = setting(
+    counted_second: float = declare_setting(
         1.0, "s", "length of the blocks that the share's interval and the test of signs count"
     )
-    quantile_bins: int = setting(8, "bins", "bins of equally many samples: each with enough rows")
-    circular_shifts: int = setting(
+    quantile_bins: int = declare_setting(8, "bins", "bins of equally many samples: each with enough rows")
+    circular_shifts: int = declare_setting(
         999, "shifts", "equally spaced; the smallest significance of one regressor is 1 in 1000"
     )
-    significance_level: float = setting(
+    significance_level: float = declare_setting(
         0.05, "probability", "a regime above it is not named, after correction for the number of tests"
     )
-    most_tested_samples: int = setting(6000, "samples", "samples that are tested at most: time")
-    small_shift_divisor: int = setting(50, "parts of a series", "a shift by less than one of them is small")
-    segment_length: float = setting(1.0, "s", "length of a segment")
-    passband_share: float = setting(
+    most_tested_samples: int = declare_setting(6000, "samples", "samples that are tested at most: time")
+    small_shift_divisor: int = declare_setting(50, "parts of a series", "a shift by less than one of them is small")
+    segment_length: float = declare_setting(1.0, "s", "length of a segment")
+    passband_share: float = declare_setting(
         0.4, "of the first zero of the torque balance's filter", "the highest frequency of use"
     )
-    ljung_box_lags: int = setting(25, "rows", "rows of the test of whiteness")
-    slope_blocks: int = setting(
+    ljung_box_lags: int = declare_setting(25, "rows", "rows of the test of whiteness")
+    slope_blocks: int = declare_setting(
         8, "blocks", "blocks of a motion, whose slopes give the standard error of the slope of all"
     )
-    sure_standard_errors: float = setting(2.0, "standard errors", "a plot contradicts an effect beyond them only")
-    contradicting_ratio: float = setting(
+    sure_standard_errors: float = declare_setting(
+        2.0, "standard errors", "a plot contradicts an effect beyond them only"
+    )
+    contradicting_ratio: float = declare_setting(
         2.0, "ratio of slopes", "from here a plot contradicts the effect that it shows: half or twice is another effect"
     )
 
