@@ -16,7 +16,7 @@ from hdagen.pages.palette import DIVERGING_COLORS, SEQUENTIAL_COLORS, blend_colo
 from hdagen.pages.quantity import format_number
 
 SHADE_COUNT = 64
-MOST_DRAWN_CELLS = 40_000  # more cells than that are finer than a pixel
+VISIBLE_CELLS = 40_000  # more cells than that are finer than a pixel
 NAME_WIDTH_SHARE = 0.35  # of the width of the drawing, at most, for the names of rows
 MOST_WRITTEN_CELLS = 120  # up to so many cells carry their number
 Edges = Array | list[str]
@@ -62,10 +62,8 @@ def draw_heat_map(
     rows, columns = cells.shape
     across = _check_edges(title, "x", x, columns, log_x)
     up = _check_edges(title, "y", y, rows, log_y)
-    if cells.size > MOST_DRAWN_CELLS:
-        raise ValueError(
-            f"figure {title!r}: {cells.size} cells are more than can be seen; use at most {MOST_DRAWN_CELLS}"
-        )
+    if cells.size > VISIBLE_CELLS:
+        raise ValueError(f"figure {title!r}: {cells.size} cells are more than can be seen; use at most {VISIBLE_CELLS}")
     scale, stops = _color_scale(value_label, cells, center)
     shades = np.nan_to_num(scale.to_pixels(cells, SHADE_COUNT), nan=-1.0).clip(-1, SHADE_COUNT - 1).astype(int)
     axes = (_fit_edge_axis(x_label, across, log_x), _fit_edge_axis(y_label, up, log_y))
