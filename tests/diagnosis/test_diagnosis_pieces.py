@@ -94,8 +94,8 @@ def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width
     words = SimpleNamespace(
         spike_widths=np.full(2, SPIKE_SCALES[0]),
         columns=[SimpleNamespace(index=0), SimpleNamespace(index=1)],
-        free=lambda atoms: np.array([1]),
-        theta=lambda p: np.array([3.0, 90.0]),
+        amplitude_columns=lambda atoms: np.array([1]),
+        to_theta=lambda p: np.array([3.0, 90.0]),
     )
     described = {name: SimpleNamespace(name=name, unit=u) for name, u in {"mass_1": "kg", "amplitude": unit}.items()}
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
@@ -105,7 +105,9 @@ def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width
 
 def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
     """A fit that lost its columns early may be better than all that kept theirs."""
-    lost, kept, other = (SimpleNamespace(whole=whole, bare=lambda: "bare") for whole in (False, True, True))
+    lost, kept, other = (
+        SimpleNamespace(has_columns=whole, without_columns=lambda: "bare") for whole in (False, True, True)
+    )
     fits: Any = [lost, kept, other]
     assert first_with_columns(fits) is kept  # type: ignore[comparison-overlap]
     assert drop_columns(fits) == ["bare", kept, "bare"]  # type: ignore[comparison-overlap]
@@ -117,28 +119,28 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
 
     @dataclass(eq=False)
     class Fit:
-        atoms: tuple[int, ...]
+        effects: tuple[int, ...]
         score: Any
-        reached: float
-        whole: bool = True
-        stands: bool = False
-        excess: float = 1.0
+        evidence_here: float
+        has_columns: bool = True
+        has_converged: bool = False
+        misfit_temperature: float = 1.0
 
         @property
         def names(self) -> tuple[str, ...]:
-            return tuple(f"{atom}@1" for atom in self.atoms)
+            return tuple(f"{atom}@1" for atom in self.effects)
 
-        def bare(self) -> Any:
+        def without_columns(self) -> Any:
             return self
 
     def fit(atoms: tuple[int, ...], evidence: float) -> Any:
-        return Fit(atoms=atoms, score=SimpleNamespace(evidence=evidence), reached=evidence)
+        return Fit(effects=atoms, score=SimpleNamespace(evidence=evidence), evidence_here=evidence)
 
     moved: list[tuple[int, ...]] = []
 
     def step(one: Any, words: Any) -> Any:
-        moved.append(one.atoms)
-        return fit(one.atoms, min(one.score.evidence + 2.0, ends[one.atoms]))
+        moved.append(one.effects)
+        return fit(one.effects, min(one.score.evidence + 2.0, ends[one.effects]))
 
     monkeypatch.setattr(hypothesis_search, "advance_fit", step)
     lead, none, far = fit((1,), -104.0), fit((), -108.0), fit((2,), -130.0)
@@ -146,8 +148,14 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
     assert [(f.effects, f.score.evidence) for f in found] == [((), -100), ((1,), -103), ((), -112), ((2,), -130)]
     assert set(moved) == {(), (1,)}
     assert hypothesis_search._settle_close_calls([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
-    bare: Any = Fit(atoms=(3,), score=SimpleNamespace(evidence=-101.0), reached=-101.0, whole=False, stands=True)
-    monkeypatch.setattr(hypothesis_search, "restore_columns", lambda one, words: fit(one.atoms, one.score.evidence))
+    bare: Any = Fit(
+        effects=(3,),
+        score=SimpleNamespace(evidence=-101.0),
+        evidence_here=-101.0,
+        has_columns=False,
+        has_converged=True,
+    )
+    monkeypatch.setattr(hypothesis_search, "restore_columns", lambda one, words: fit(one.effects, one.score.evidence))
     monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: one)
     assert first_with_columns(hypothesis_search._settle_close_calls([far, lead, bare], None, print)).effects == (3,)  # type: ignore[arg-type]
 
@@ -157,12 +165,13 @@ def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatc
 
     def fit(atoms: tuple[int, ...], evidence: float) -> Any:
         names = tuple(sorted(f"{atom}@1" for atom in atoms))
-        one = SimpleNamespace(atoms=atoms, names=names, reached=evidence, score=SimpleNamespace(evidence=evidence))
-        one.whole, one.stands, one.excess, one.bare = True, False, 1.0, lambda: one
+        one = SimpleNamespace(effects=atoms, names=names, evidence_here=evidence)
+        one.score = SimpleNamespace(evidence=evidence)
+        one.has_columns, one.has_converged, one.misfit_temperature, one.without_columns = True, False, 1.0, lambda: one
         return one
 
     went: list[float] = []
-    monkeypatch.setattr(hypothesis_search, "_continue_fit", lambda one, *_: went.append(one.reached) or one)
+    monkeypatch.setattr(hypothesis_search, "_continue_fit", lambda one, *_: went.append(one.evidence_here) or one)
     both = [fit((1, 2), -100.0), fit((2, 1), -101.0), fit((1,), -106.0), fit((1, 2, 3), -109.0), fit((4,), -117.0)]
     hypothesis_search._settle_close_calls(both, None, lambda word: None)  # type: ignore[arg-type]
     assert sorted(went) == [-106.0, -100.0]
@@ -171,7 +180,7 @@ def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatc
 def test_where_no_effect_tells_anything_no_second_one_is_looked_for() -> None:
     def fits(none: float, best: float) -> Any:
         pairs = (((), none), ((1,), best))
-        return [SimpleNamespace(effects=atoms, noise_only_evidence=0.0, reached=-lacks) for atoms, lacks in pairs]
+        return [SimpleNamespace(effects=atoms, noise_only_evidence=0.0, evidence_here=-lacks) for atoms, lacks in pairs]
 
     assert fit_order.is_beyond_known_effects(fits(1300.0, 1240.0))
     assert not fit_order.is_beyond_known_effects(fits(1300.0, 900.0))  # it tells a third
@@ -194,10 +203,10 @@ def test_what_does_not_show_is_unseen_and_what_looks_alike_stands_beside() -> No
     words = SimpleNamespace(
         spike_widths=np.full(4, 0.05),
         members=[SimpleNamespace(name=name) for name in names],
-        columns=[SimpleNamespace(atom=k) for k in range(4)],
+        columns=[SimpleNamespace(candidate=k) for k in range(4)],
     )
-    design = SimpleNamespace(candidates=words, linear=lambda: linear, widened=lambda places: design)
-    score = SimpleNamespace(at=SimpleNamespace(s=0.0, kappa2=np.ones(1)))
+    design = SimpleNamespace(candidates=words, linear_model=lambda: linear, with_finite_step=lambda places: design)
+    score = SimpleNamespace(posterior=SimpleNamespace(s=0.0, kappa2=np.ones(1)))
     fit: Any = SimpleNamespace(score=score, sensitivities=design, posterior=(np.array([0.8, 0.0, 0.0, 1.0]), None))
     told = Identifiability(fit, 12.0)
     assert told.find_undetectable() == ["backlash@2"]
@@ -209,7 +218,9 @@ def test_what_does_not_show_is_unseen_and_what_looks_alike_stands_beside() -> No
     J[2] = 30 * rng.normal(size=rows)  # what the third does in its whole size
     block = np.vstack([first, J])
     wide = replace(linear, cross_products=CrossProducts((block @ block.T)[None], 1, 0))
-    design.widened = lambda places: SimpleNamespace(candidates=words, linear=lambda: wide) if places == [2] else None
+    design.with_finite_step = lambda places: (
+        SimpleNamespace(candidates=words, linear_model=lambda: wide) if places == [2] else None
+    )
     assert Identifiability(fit, 12.0).find_undetectable() == []
 
 
@@ -352,7 +363,10 @@ def test_what_stands_at_its_brim_is_tried_the_fullest_first() -> None:
     mean = 0.05 * np.array(
         [AT_BOUND_DEVIATIONS + 0.1, AT_BOUND_DEVIATIONS - 0.1, 0.2, -3.0, 20.0, 3.0]
     )  # the fourth atom is free, the last no atom
-    assert _find_at_bound(SimpleNamespace(sensitivities=SimpleNamespace(words=words), posterior=(mean, None))) == [2, 0]  # type: ignore[arg-type]
+    assert _find_at_bound(SimpleNamespace(sensitivities=SimpleNamespace(candidates=words), posterior=(mean, None))) == [
+        2,
+        0,
+    ]  # type: ignore[arg-type]
 
 
 def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:

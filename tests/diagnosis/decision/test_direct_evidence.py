@@ -125,7 +125,7 @@ def decision(said: str, **probable: float) -> Decision:
     atoms = [SimpleNamespace(name=name, place=place) for name, place in PLACES.items()]
     fits: dict[str, Any] = {name: SimpleNamespace(names=name) for name in probable}
     for fit in fits.values():
-        fit.design = SimpleNamespace(words=SimpleNamespace(atoms=atoms))
+        fit.sensitivities = SimpleNamespace(candidates=SimpleNamespace(members=atoms))
 
     def named(key: str) -> tuple[str, ...]:
         names = key.replace("_at_", "@").split("_and_") if key != "none" else []

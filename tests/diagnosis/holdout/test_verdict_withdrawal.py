@@ -177,7 +177,7 @@ def test_what_is_said_never_leaves_more_than_the_robot_file(
     both: Any = "all effects"
 
     def simulate(said: Any) -> Replay:
-        return left(named * based, named * based) if said.base else left(named, named)
+        return left(named * based, named * based) if said.base_parameters else left(named, named)
 
     monkeypatch.setattr(verdict, "apply_verdict", lambda _, said: (said, []))
     other = HoldoutMotion(HELD, simulate, replay(FAR), replay(FAR), left(0.1, 0.1))

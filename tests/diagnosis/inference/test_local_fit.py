@@ -75,7 +75,7 @@ def fit(evidence: float, ahead: float = 0.0, level: float = 1.0, **more: Any) ->
     """A fit that stands at ``evidence``, of which it has not yet reached ``ahead``, with windows at ``level``."""
     score = SimpleNamespace(evidence=evidence, posterior=SimpleNamespace(s=0.5, noise_level=level))
     at: Any = more.pop(
-        "design", SimpleNamespace(shooting=None, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
+        "sensitivities", SimpleNamespace(shooting=None, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
     )
     return Fit((1,), at, score, np.zeros(1), evidence, ahead, **more)  # type: ignore[arg-type]
 
@@ -116,7 +116,7 @@ def test_a_step_is_kept_that_beats_what_was_reached(
     tried: list[float],
 ) -> None:
     at = SimpleNamespace(shooting=None, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
-    begun, shares = fit(-100.0, ahead, level, design=at), []
+    begun, shares = fit(-100.0, ahead, level, sensitivities=at), []
 
     def descend(design: Any, atoms: Any, score: Any, share: float) -> Any:
         shares.append(share)
@@ -124,7 +124,9 @@ def test_a_step_is_kept_that_beats_what_was_reached(
         return (
             at
             if end is None
-            else SimpleNamespace(end=end, gram=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=end)
+            else SimpleNamespace(
+                end=end, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=end
+            )
         )
 
     monkeypatch.setattr(local_fit, "descend_gauss_newton", descend)
@@ -132,7 +134,7 @@ def test_a_step_is_kept_that_beats_what_was_reached(
     moved = advance_fit(begun, None)  # type: ignore[arg-type]
     assert moved.score.evidence == found and shares == tried
     assert moved.has_converged == (found == -100.0)
-    assert advance_fit(fit(-100.0, stands=True), None).score.evidence == -100.0  # type: ignore[arg-type]
+    assert advance_fit(fit(-100.0, has_converged=True), None).score.evidence == -100.0  # type: ignore[arg-type]
 
 
 def test_a_fit_that_hardly_gets_better_stands(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,15 +159,17 @@ def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest
 class Runner(SimpleNamespace):
     """A fit that stands, with nothing to let go of."""
 
-    whole, stands, excess, clean = True, True, 1.0, 0.0
+    has_columns, has_converged, misfit_temperature, noise_only_evidence = True, True, 1.0, 0.0
 
-    def bare(self) -> Any:
+    def without_columns(self) -> Any:
         return self
 
 
 def runners(ends: dict[str, float]) -> Any:
     """A field by name and evidence."""
-    return [Runner(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()]
+    return [
+        Runner(effects=tuple(n), names=n, score=SimpleNamespace(evidence=e), evidence_here=e) for n, e in ends.items()
+    ]
 
 
 @pytest.mark.parametrize(
@@ -209,7 +213,9 @@ def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatc
 def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     most = 100.0
     gains = {"leading": most, "some": 1.1 * LEAST_PROMISE_SHARE * most, "faint": 0.9 * LEAST_PROMISE_SHARE * most}
-    words: Any = SimpleNamespace(members=[SimpleNamespace(name=name) for name in gains], fits=lambda *given: True)
+    words: Any = SimpleNamespace(
+        members=[SimpleNamespace(name=name) for name in gains], is_compatible=lambda *given: True
+    )
     at: Any = SimpleNamespace(shooting=SimpleNamespace(arm=None))
     scored: Any = [SimpleNamespace(effects=(), evidence=-7.0, posterior=SimpleNamespace(s=0.1))]
     scored += [SimpleNamespace(effects=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
@@ -238,13 +244,15 @@ def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypa
 @pytest.mark.parametrize(("ahead", "leads"), [(0.9, "a"), (1.1, "ab")])
 def test_a_set_leads_only_if_it_is_ahead_by_more_than_the_prior_takes(ahead: float, leads: str) -> None:
     class Whole(Runner):
-        whole = True
+        has_columns = True
 
-        def bare(self) -> Any:
-            return Runner(**vars(self), whole=False)
+        def without_columns(self) -> Any:
+            return Runner(**vars(self), has_columns=False)
 
     ends = {"ab": ahead * EFFECT_PENALTY, "a": 0.0, "": -100.0}
-    field: Any = [Whole(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()]
+    field: Any = [
+        Whole(effects=tuple(n), names=n, score=SimpleNamespace(evidence=e), evidence_here=e) for n, e in ends.items()
+    ]
     found = _drop_undeserved(field)
     assert [f.names for f in found] == list(ends)  # none is lost
     assert first_with_columns(found).names == leads
@@ -268,7 +276,7 @@ def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:
     """Dry friction makes a small tilt no small matter; of a sine and a cosine of a known order a slope says all."""
     names = ["tilt_x", "tilt_y", "ripple_sine_1", "ripple_cosine_1", "ripple_order_1"]
     q = SimpleNamespace(low=-10.0, high=10.0)
-    parameters = SimpleNamespace(described=dict.fromkeys(names, q), within=np.array, place=names.index)
+    parameters = SimpleNamespace(described=dict.fromkeys(names, q), clip_to_bounds=np.array, place=names.index)
     arm = SimpleNamespace(parameters=parameters)
     atoms = (
         Candidate("gravity_tilt", 0, "link", ("tilt_x", "tilt_y"), {}, True),
@@ -317,9 +325,9 @@ def test_what_begins_where_the_lead_stands_ends_where_it_does_not_come_close(
     monkeypatch: pytest.MonkeyPatch, steps: list[float], close: bool
 ) -> None:
     def runner(evidence: float) -> Any:
-        score, given_up = SimpleNamespace(evidence=CLOSE_CALL_MARGIN * evidence), SimpleNamespace(whole=False)
-        given = {"names": ("one",), "excess": 1.0, "whole": True, "bare": lambda: given_up}
-        return SimpleNamespace(atoms=(0,), score=score, reached=score.evidence, **given)
+        score, given_up = SimpleNamespace(evidence=CLOSE_CALL_MARGIN * evidence), SimpleNamespace(has_columns=False)
+        given = {"names": ("one",), "misfit_temperature": 1.0, "has_columns": True, "without_columns": lambda: given_up}
+        return SimpleNamespace(effects=(0,), score=score, evidence_here=score.evidence, **given)
 
     walk = [runner(step) for step in steps]
     monkeypatch.setattr(hypothesis_search, "_advance_with_report", lambda words, say, when, one: walk.pop(0))

@@ -136,7 +136,7 @@ def test_a_fleet_is_told_of_every_result(tmp_path: Path) -> None:
 # -- decisions --------------------------------------------------------------------------------------------------------
 
 ATOMS = [SimpleNamespace(name=FRICTION, place="motor"), SimpleNamespace(name=BIAS, place="sensor")]
-FIT: Any = SimpleNamespace(design=SimpleNamespace(words=SimpleNamespace(atoms=ATOMS)))
+FIT: Any = SimpleNamespace(sensitivities=SimpleNamespace(candidates=SimpleNamespace(members=ATOMS)))
 NAMES = ((FRICTION,), (BIAS,), (BIAS, FRICTION))
 
 
@@ -177,7 +177,9 @@ def test_a_verdict_without_a_spring_is_replayed_with_rigid_drives() -> None:
     """Though its parameters were fitted in a model that has springs, which are as good as rigid and no more."""
     rigid: Any = SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(("coulomb_friction_1", "mass_1"))))
     springs: Any = SimpleNamespace()
-    one: Any = SimpleNamespace(best=SimpleNamespace(design=SimpleNamespace(shooting=SimpleNamespace(arm=springs))))
+    one: Any = SimpleNamespace(
+        best=SimpleNamespace(sensitivities=SimpleNamespace(shooting=SimpleNamespace(arm=springs)))
+    )
     said = content([FRICTION], [[FRICTION]], parameters={"mass_1": estimate(2.0)})
     assert choose_model(rigid, one, said) is rigid
     spring = cause("missing_compliance@1", 0.9, {"missing_compliance": estimate(1e-4)})
