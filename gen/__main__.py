@@ -153,7 +153,7 @@ def _read_effect_names(options: argparse.Namespace) -> tuple[str, ...]:
     if "all" in names:  # but not the effect that changes the drive itself
         from gen.effects import ALL
 
-        names = {effect.name for effect in ALL if effect.name != "missing_compliance"} | names - {"all"}
+        names = {effect.name for effect in ALL if effect.series_spring is None} | names - {"all"}
     return tuple(sorted(names))
 
 

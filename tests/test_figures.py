@@ -36,7 +36,7 @@ def test_every_table_stands_somewhere() -> None:
 
 
 def test_the_bars_of_the_last_run_are_those_of_today(found: dict[str, Any]) -> None:
-    asked = tomllib.loads((resources.files("hdagen") / "bars.toml").read_text())
+    asked = tomllib.loads((resources.files("hdagen.bench") / "bars.toml").read_text())
     bars = {bar["name"]: BenchRequirement(**bar) for bar in found["bench"]["bars"]}
     assert {name: (bar.bar, bar.bound, bar.unit) for name, bar in bars.items()} == {
         name: (entry["bar"], entry["bound"], entry["unit"]) for name, entry in asked.items()

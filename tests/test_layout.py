@@ -55,7 +55,7 @@ def test_there_is_something_to_look_at() -> None:
         "hdagen/arm/compiled_arm.py",
     } <= found
     assert "casadi" in tops(ROOT / "gen" / "model" / "arm_model.py")
-    assert "gen.effects.payload" in set(imported(ROOT / "gen" / "effects" / "__init__.py"))
+    assert "gen.effects.effect" in set(imported(ROOT / "gen" / "effects" / "payload.py"))
 
 
 @pytest.mark.parametrize("package, forbidden", [("hdagen", {"gen", *SYMBOLS}), ("gen", {"hdagen", *LOGS})])
@@ -99,6 +99,7 @@ FLOORS = (  # from the roof to the ground: a file imports from folders that stan
     "gen/presets",
     "hdagen",
     "hdagen/cli",
+    "hdagen/api",
     "hdagen/bench",
     "hdagen/blind",
     "hdagen/blind/realities",
@@ -264,6 +265,80 @@ def test_importing_any_module_does_nothing(tmp_path: Path) -> None:
     assert json.loads(done.stdout) == {}
 
 
+# -- names and docstrings ---------------------------------------------------------------------------------------------
+
+TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
+# Verbs that stand alone: the public API's, the entry points of commands, and those of the field.
+ONE_WORD = {
+    *("adopt", "check", "diagnose", "excite", "replay", "simulate", "triage"),
+    *("load", "read", "write", "run", "main", "step", "tick", "circle"),
+}
+MOST_ONE_WORD_SHARE = 0.15  # of all functions at the top of a file
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def public_names() -> set[tuple[Path, str]]:
+    """File and name of all that another folder imports or an `__all__` lists; of both, where it is defined."""
+    found: set[tuple[Path, str]] = set()
+    for path, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and (home := module(str(node.module))):
+                if home.parent != path.parent or path.name == "__init__.py":
+                    found |= {(home, alias.name) for alias in node.names}
+            elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+                found |= {(path, entry) for entry in ast.literal_eval(node.value)}
+    return found
+
+
+def public_functions() -> Iterator[tuple[str, Function]]:
+    """Where it stands, and the function: the public ones at the top of files, and the methods of public classes."""
+    public = public_names()
+    for path, tree in TREES.items():
+        for node in tree.body:
+            if not isinstance(node, Function | ast.ClassDef) or (path, node.name) not in public:
+                continue
+            members = node.body if isinstance(node, ast.ClassDef) else [node]
+            for one in members:
+                if isinstance(one, Function) and (one is node or not one.name.startswith("_")):
+                    yield f"{name(path)}:{one.lineno} {one.name}", one
+
+
+def missing_sections(function: Function) -> list[str]:
+    """What the docstring of a public function lacks of Google's convention: a first sentence, Args, Returns."""
+    said = ast.get_docstring(function) or ""
+    missing = []
+    if not re.match(r"[A-Z`].*?[.:](?=\s|$)", said, re.DOTALL):
+        missing.append("a sentence")
+    arguments = [a.arg for a in (*function.args.args, *function.args.kwonlyargs) if a.arg not in ("self", "cls")]
+    if not arguments:
+        return missing
+    described = re.search(r"^Args:\n((?: +.*\n?|\n)+)", said, re.MULTILINE)
+    if not described:
+        return [*missing, "Args"]
+    named = re.findall(r"^ {4}\*{0,2}(\w+)(?: \(.*?\))?:", described[1], re.MULTILINE)
+    missing += [f"Args: {argument}" for argument in arguments if argument not in named]
+    gives = function.returns is not None and ast.unparse(function.returns) not in ("None", "NoReturn")
+    tells = re.match(r"(Return|Tell|Name|Count|List)\b", said)  # the sentence itself says what comes back
+    if gives and not tells and not re.search(r"^(Returns|Yields):", said, re.MULTILINE):
+        missing.append("Returns")
+    return missing
+
+
+def test_public_docstrings_say_arguments_and_results() -> None:
+    said = {place: missing_sections(function) for place, function in public_functions()}
+    assert len(said) > 300
+    assert {place: missing for place, missing in said.items() if missing} == {}
+
+
+def test_functions_are_verb_phrases() -> None:
+    """No public function of one word outside a short list, and few private ones."""
+    names = [(name(p), n.name) for p, tree in TREES.items() for n in tree.body if isinstance(n, Function)]
+    one = [(path, each) for path, each in names if "_" not in each.strip("_")]
+    assert [entry for entry in one if not entry[1].startswith("_") and entry[1] not in ONE_WORD] == []
+    assert len(one) <= MOST_ONE_WORD_SHARE * len(names)
+
+
 # -- sizes ------------------------------------------------------------------------------------------------------------
 
 
@@ -283,6 +358,31 @@ def test_no_function_is_long() -> None:
                 if lines > 60:
                     long.append(f"{name(path)}:{node.lineno} {node.name}: {lines} lines")
     assert long == []
+
+
+MOST_METHODS = 24  # with those of the bases
+OF_MANY_METHODS = {
+    "Arm": "a compiled robot as a user calls it: each method is one function of the library, or checks its arguments",
+    "MPC": "stands in the place of any other controller, so it has their methods beside its own",
+}
+
+
+def test_no_class_has_many_methods() -> None:
+    classes: dict[str, list[ast.ClassDef]] = {}
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                classes.setdefault(node.name, []).append(node)
+
+    def methods(node: ast.ClassDef) -> set[str]:
+        found = {one.name for one in node.body if isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef)}
+        for base in (ast.unparse(base).rpartition(".")[2] for base in node.bases):
+            for other in classes.get(base, []):
+                found |= methods(other)
+        return found
+
+    counts = {name: max(len(methods(node)) for node in nodes) for name, nodes in classes.items()}
+    assert {name for name, count in counts.items() if count > MOST_METHODS} == set(OF_MANY_METHODS)
 
 
 def test_no_module_is_a_drawer() -> None:
@@ -307,7 +407,7 @@ def tracked() -> list[Path]:
 
 def test_the_top_of_the_repository(tracked: list[Path]) -> None:
     top = {path.relative_to(ROOT).parts[0] for path in tracked}
-    files = {"pyproject.toml", "README.md", "LICENSE", "CITATION.cff", "CHANGELOG.md", "MANIFEST.in"}
+    files = {"pyproject.toml", "README.md", "LICENSE", "CITATION.cff", "CHANGELOG.md", "CONTRIBUTING.md", "MANIFEST.in"}
     assert {entry for entry in top if not entry.startswith(".")} == {"gen", "hdagen", "tests", "docs", *files}
     made = ["build/arm-0/hda.h", ".venv/bin/python", "gen/__pycache__/build.pyc", "hdagen.egg-info/PKG-INFO"]
     ignored = subprocess.run(["git", "check-ignore", *made], cwd=ROOT, capture_output=True, text=True, check=False)

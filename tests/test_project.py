@@ -17,8 +17,10 @@ import pytest
 from compiled import Compiled
 
 import hdagen
-from gen.builder.effects_table import make_effects_table
+from gen.builder.effect_figures import draw_effect
+from gen.builder.effects_table import make_effects_page
 from gen.effects import ALL
+from gen.effects.effect import Effect
 from hdagen.blind.label_seal import hash_seed
 from hdagen.diagnosis.decision import calibration
 
@@ -26,7 +28,9 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 CI = ROOT / ".ci" / "run"
-DOCUMENTS = sorted((ROOT / "docs").glob("*.md"))
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+DOCS = ROOT / "docs"
+DOCUMENTS = sorted(path for path in DOCS.rglob("*.md") if not path.is_relative_to(DOCS / "examples"))
 IMPORTED_AS = {"pin": "pinocchio", "pytest-xdist": "xdist", "z3-solver": "z3"}
 
 
@@ -171,11 +175,27 @@ def test_ci_leaves_an_active_environment_of_another_python_alone(tmp_path: Path)
 # -- README and documents ---------------------------------------------------------------------------------------------
 
 
-def test_the_table_of_effects_is_current() -> None:
-    found = re.findall(r"^<!-- effects: begin -->\n(.*)^<!-- effects: end -->$", README, re.MULTILINE | re.DOTALL)
-    assert found == [make_effects_table()], (
-        "put what `python -m gen.builder.effects_table` prints between the README's two markers"
+def test_the_page_of_effects_is_current() -> None:
+    found = (DOCS / "method" / "effects.md").read_text(encoding="utf-8")
+    assert found == make_effects_page(), "call `python -m gen.builder.effects_table docs`"
+
+
+@pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
+def test_the_figure_of_an_effect_is_current(effect: Effect) -> None:
+    found = (DOCS / "images" / "effects" / f"{effect.name}.svg").read_text(encoding="utf-8")
+    drawn = draw_effect(effect)
+    assert re.sub(r"[\d.]+", "", found) == re.sub(r"[\d.]+", "", drawn), (
+        "call `python -m gen.builder.effects_table docs`"
     )
+    numbers = [[float(value) for value in re.findall(r"\d+\.?\d*", text)] for text in (found, drawn)]
+    assert numbers[0] == pytest.approx(numbers[1], abs=0.11)
+
+
+def test_contributing_answers_ten_questions_with_files_that_are_there() -> None:
+    rows = CONTRIBUTING.partition("<!-- questions: begin -->")[2].partition("<!-- questions: end -->")[0]
+    files = re.findall(r"^\| .*\? \| `([\w/.]+)` \|$", rows, re.MULTILINE)
+    assert len(files) == 10
+    assert [path for path in files if not (ROOT / path).is_file()] == []
 
 
 def test_no_check_was_made_on_a_seed_of_the_calibration() -> None:
@@ -188,17 +208,26 @@ def test_no_check_was_made_on_a_seed_of_the_calibration() -> None:
         assert kind["cases"] == sum(check["cases"] for check in kind["checks"]) == kind["summary"]["failed"]["count"]
 
 
-def test_the_table_has_a_row_of_full_cells_for_every_effect() -> None:
-    rows = [row for row in make_effects_table().splitlines() if row.startswith("| `")]
-    assert sorted(row.split("`")[1] for row in rows) == sorted(effect.name for effect in ALL)
-    for row in rows:
+def test_the_page_has_full_rows_for_every_effect() -> None:
+    rows = [row for row in make_effects_page().splitlines() if row.startswith("| ")]
+    listed = [row.split("`")[1] for row in rows if row.startswith("| [`")]
+    assert listed == [effect.name for effect in ALL]
+    for row in rows[1:]:
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]]
-        assert len(cells) == 5
-        assert all(cells), row
+        assert len(cells) == (3 if row.startswith("| [`") else 2) or not any(cells)
+        assert all(cells) or not any(cells), row
 
 
-def test_the_readme_s_python_runs(build: Callable[..., Compiled]) -> None:
-    code = "\n".join(blocks("python"))
+def test_the_readme_s_python_names_what_is_public() -> None:
+    (code,) = blocks("python")
+    ast.parse(code)
+    names_used = set(re.findall(r"hdagen\.(\w+)\(", code))
+    assert names_used >= {"load_robot", "read_log", "diagnose"}
+    assert names_used <= set(hdagen.__all__)
+
+
+def test_the_reference_s_python_runs(build: Callable[..., Compiled]) -> None:
+    code = "\n".join(blocks("python", text=(DOCS / "reference" / "python.md").read_text(encoding="utf-8")))
     assert "hdagen.load(" in code
     environment = {**os.environ, "HDAGEN_BUILD": str(build("paper").folder.parent)}
     command = [sys.executable, "-W", "error", "-c", code]
@@ -209,7 +238,7 @@ def test_the_readme_s_python_runs(build: Callable[..., Compiled]) -> None:
 def test_the_readme_says_what_the_guard_is_not() -> None:
     sentence = "not a safety-rated function; use it behind a certified stop"
     assert sentence in README
-    assert "(docs/safety.md)" in README[README.index(sentence) :][:200]
+    assert "(docs/project/safety.md)" in README[README.index(sentence) :][:200]
 
 
 def links(path: Path) -> Iterator[str]:
@@ -219,14 +248,15 @@ def links(path: Path) -> Iterator[str]:
             yield target.partition("#")[0]
 
 
-@pytest.mark.parametrize("path", [ROOT / "README.md", *DOCUMENTS], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCUMENTS], ids=lambda path: path.name)
 def test_every_link_leads_somewhere(path: Path) -> None:
     assert [target for target in links(path) if not (path.parent / target).exists()] == []
 
 
 def test_the_index_lists_every_document_once() -> None:
     listed = [target for target in links(ROOT / "docs" / "README.md") if target.endswith(".md")]
-    assert sorted(listed) == sorted(path.name for path in DOCUMENTS if path.name != "README.md")
+    documents = [path.relative_to(DOCS).as_posix() for path in DOCUMENTS]
+    assert sorted(listed) == sorted(name for name in documents if name != "README.md")
 
 
 # -- package ----------------------------------------------------------------------------------------------------------
@@ -257,7 +287,7 @@ def test_the_package_s_page_leads_nowhere_and_every_document_is_shipped() -> Non
     assert list(links(page)) == [] and "![" not in text and "://" not in text
     assert set(blocks("python", text=text)) and "behind a certified stop" in text
     shipped = (ROOT / "MANIFEST.in").read_text(encoding="utf-8").split()
-    assert {"docs", "tests", ".ci", "CHANGELOG.md", "CITATION.cff"} <= set(shipped)
+    assert {"docs", "tests", ".ci", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md"} <= set(shipped)
 
 
 @pytest.mark.parametrize("package", ["gen", "hdagen"])
@@ -267,7 +297,9 @@ def test_windows_is_refused_in_a_sentence(package: str) -> None:
     assert done.stderr.splitlines()[-1].startswith("ImportError: hdagen does not run on Windows; use Linux, ")
     systems = [line for line in PROJECT["project"]["classifiers"] if line.startswith("Operating System")]
     assert systems == ["Operating System :: POSIX :: Linux"]
-    assert all("Windows" in (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/package.md"))
+    assert all(
+        "Windows" in (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/project/package.md")
+    )
 
 
 def names(requirements: list[str]) -> set[str]:
@@ -300,7 +332,7 @@ def test_what_the_code_imports_is_what_pyproject_asks_for() -> None:
 
 
 def test_every_dependency_is_documented() -> None:
-    text = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "project" / "dependencies.md").read_text(encoding="utf-8")
     extras = PROJECT["project"]["optional-dependencies"]
     for heading, wanted in (
         ("## To run", PROJECT["project"]["dependencies"]),

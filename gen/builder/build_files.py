@@ -8,11 +8,12 @@ from typing import Any
 
 import casadi as ca
 
+from gen.builder.effect_description import describe_catalogue
 from gen.c_code import headers, vectorized_closed_loop, vectorized_dynamics
 from gen.c_code.emitter import emit_preparation, scalar_function
 from gen.effects.effect import Effect
 from gen.model.arm_model import Model
-from gen.model.compliance_laws import Law
+from gen.model.control_loop import Law
 from gen.model.emitted_function import EmittedFunction
 from gen.model.function_library import Library
 from gen.mpc.problem_structure import Structure
@@ -47,6 +48,7 @@ def make_manifest(made: Library, effects: tuple[Effect, ...], build: str, how: d
         "build": build,
         "robot": describe_robot(model.robot),
         "effects": [_describe_effect(model, effect) for effect in effects],
+        "catalogue": describe_catalogue(),
         "state": [vars(slot) for slot in model.x_slots],
         "input": [vars(slot) for slot in model.u_slots],
         "parameters": [vars(q) for q in model.quantities],

@@ -1,45 +1,96 @@
-"""The table of effects between the two markers in README.md; `python -m gen.builder.effects_table` prints it."""
+"""The page of effects and its figures, in docs/method and docs/images: `python -m gen.builder.effects_table docs`."""
 
 from __future__ import annotations
 
 import inspect
 import sys
+from pathlib import Path
 
+from gen.builder.effect_figures import draw_effect
 from gen.effects import ALL, NOMINAL
 from gen.effects.effect import Effect, Parameter
 
-EFFECTS_TABLE_HEAD = "| effect | acts at | its term | amplitudes; other parameters | source |\n|---|---|---|---|---|\n"
+INTRODUCTION = """# Effects
+
+`python -m gen.builder.effects_table docs` prints this page from the equations in `gen/effects`, one file an effect.
+
+An effect is one term at one port of a joint. It has parameters, and an amplitude whose 0 removes it exactly. θ is the
+motor angle, q the joint angle, N the ratio, φ = θ/N − q the torsion, and τ the joint torque. [model.md](model.md)
+shows the ports.
+
+Each figure shows the term of the effect at its typical size on the preset `paper`. Where the robot file states the
+amplitude, the figure has that value.
+
+"""
+STATED = "These effects are in every model. The robot file states their amplitudes.\n"
+ADDED = """These effects are in a model if its robot file states them (`[[effect]]`), or if a build asks for them
+(`--effects`). The diagnosis tries all of them.
+"""
+EFFECTS_TABLE_HEAD = "| effect | acts at | meaning |\n|---|---|---|\n"
 JOINT_PHRASES = {"each": "", "first": "; first joint", "last": "; last joint", "arm": "; whole arm"}
 
 
-def make_effects_table() -> str:
-    """List every effect in Markdown: those of every model, then those that a robot file or --effects adds.
+def write_effects_page(docs: Path) -> None:
+    """Write the page and its figures.
+
+    Args:
+        docs: The folder of documents.
+
+    """
+    figures = docs / "images" / "effects"
+    figures.mkdir(parents=True, exist_ok=True)
+    for effect in ALL:
+        (figures / f"{effect.name}.svg").write_text(draw_effect(effect), encoding="utf-8")
+    (docs / "method" / "effects.md").write_text(make_effects_page(), encoding="utf-8")
+
+
+def make_effects_page() -> str:
+    """The page in Markdown: a list of all effects, then a section for each.
 
     Returns:
-        The two tables.
+        The text of docs/method/effects.md.
 
     """
     added = tuple(effect for effect in ALL if effect not in NOMINAL)
-    parts = ["In every model:\n\n", EFFECTS_TABLE_HEAD, *map(_effect_row, NOMINAL)]
-    parts += [
-        "\nAdded where a robot file states them (`[[effect]]`) or a build asks for them (`--effects`):\n\n",
-        EFFECTS_TABLE_HEAD,
-    ]
-    return "".join([*parts, *map(_effect_row, added)])
+    parts = [INTRODUCTION, EFFECTS_TABLE_HEAD, *map(_effect_row, ALL)]
+    for title, text, effects in (("In every model", STATED, NOMINAL), ("Added", ADDED, added)):
+        parts += [f"\n## {title}\n\n{text}", *map(_effect_section, effects)]
+    return "".join(parts)
 
 
 def _effect_row(effect: Effect) -> str:
-    module = sys.modules[effect.equation.__module__]
-    legend = (module.__doc__ or "").partition("Legend: ")[2].strip()
-    equation = (inspect.getdoc(effect.equation) or "").removesuffix(".")
+    return f"| [`{effect.name}`](#{effect.name}) | {effect.port.value} | {_table_cell(_effect_meaning(effect))} |\n"
+
+
+def _effect_section(effect: Effect) -> str:
+    equation = " ".join((inspect.getdoc(effect.equation) or "").split()).removesuffix(".")
+    legend = _effect_document(effect).partition("Legend: ")[2].strip()
+    rows = [("term", equation), ("symbols", legend), ("acts at", _describe_place(effect))]
+    rows += [("amplitudes; other parameters", _describe_parameters(effect)), ("source", effect.citation)]
+    lines = "".join(f"| {name} | {_table_cell(text)} |\n" for name, text in rows)
+    figure = f"![{effect.name}](../images/effects/{effect.name}.svg)\n"
+    return f"\n### {effect.name}\n\n{_effect_meaning(effect)}\n\n{figure}\n| | |\n|---|---|\n{lines}"
+
+
+def _effect_meaning(effect: Effect) -> str:
+    return _effect_document(effect).partition("Legend: ")[0].strip()
+
+
+def _effect_document(effect: Effect) -> str:
+    return " ".join((sys.modules[effect.equation.__module__].__doc__ or "").split())
+
+
+def _describe_place(effect: Effect) -> str:
     where = effect.port.value + JOINT_PHRASES[effect.joints]
     if not effect.suits_rigid_drive:
         where += "; flexible drives"
     if not effect.suits_prismatic_joint:
         where += "; revolute joints"
-    term = f"{equation}. {legend}"
-    cells = (f"`{effect.name}`", where, term, _describe_parameters(effect), effect.citation)
-    return "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in cells) + " |\n"
+    return where
+
+
+def _table_cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
 
 
 def _describe_parameters(effect: Effect) -> str:
@@ -71,4 +122,4 @@ def _own_parameter(parameter: Parameter) -> str:
 
 
 if __name__ == "__main__":
-    print(make_effects_table(), end="")
+    write_effects_page(Path(sys.argv[1] if len(sys.argv) > 1 else "docs"))

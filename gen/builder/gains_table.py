@@ -1,11 +1,12 @@
-"""The table of gains between the two markers in docs/control.md; `python -m gen.builder.gains_table` prints it."""
+"""The table of gains of docs/guides/control.md, between its markers; `python -m gen.builder.gains_table` prints it."""
 
 from __future__ import annotations
 
 from gen.effects import NOMINAL
 from gen.effects.effect import Parameter
 from gen.model.arm_model import Model
-from gen.model.compliance_laws import COMMON_GAINS, make_laws
+from gen.model.compliance_laws import make_laws
+from gen.model.control_loop import COMMON_GAINS
 from gen.model.right_hand_side import assemble_graphs
 from gen.robot.load_robot import load
 

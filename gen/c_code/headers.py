@@ -7,7 +7,7 @@ from typing import Any
 
 from gen.c_code.emitter import c_signature
 from gen.model.arm_model import Model
-from gen.model.compliance_laws import Law
+from gen.model.control_loop import Law
 from gen.model.emitted_function import EmittedFunction
 
 # of the L-stable step, as a share of each state's bound: 6e-8 rad at worst on a link after 3 s, where 1e-6 is allowed

@@ -13,7 +13,7 @@ import casadi as ca
 
 from gen.c_code.emitter import emit_body, scalar_function, vector_operation
 from gen.c_code.vectorized_dynamics import use_reciprocals
-from gen.model.compliance_laws import Law
+from gen.model.control_loop import Law
 from gen.model.right_hand_side import Graphs, hoist_constants
 
 SX = ca.SX

@@ -1,84 +1,59 @@
-"""The effects, one file each. NOMINAL is in every model; ALL is what a robot file may state and a build may add."""
+"""The effects, one file each. NOMINAL is in every model; ALL is what a robot file may state and a build may add.
 
-from gen.effects import (
-    asymmetric_friction,
-    backlash,
-    base_compliance,
-    cable_spring,
-    command_delay,
-    contact,
-    coulomb_friction,
-    current_bias,
-    current_loop_lag,
-    current_saturation,
-    encoder_bias,
-    encoder_eccentricity,
-    gravity,
-    gravity_tilt,
-    joint_damping,
-    kinematic_error,
-    kinematic_torsion,
-    link_flexibility,
-    load_dependent_friction,
-    missing_compliance,
-    payload,
-    position_dependent_friction,
-    presliding_friction,
-    quadratic_friction,
-    rotor_coupling,
-    sensor_delay,
-    stiffness,
-    stribeck_friction,
-    thermal_friction,
-    torque_constant,
-    torque_ripple,
-    torque_sensor_gain,
-    transmission_hysteresis,
-    transmission_ratio,
-    viscous_friction,
-    voltage_sag,
-)
+A new effect is a file beside the others, and its name in one of the two lists.
+"""
+
+from importlib import import_module
+
 from gen.effects.effect import Effect
 
-NOMINAL: tuple[Effect, ...] = (
-    torque_constant.EFFECT,
-    coulomb_friction.EFFECT,
-    viscous_friction.EFFECT,
-    current_bias.EFFECT,
-    stiffness.EFFECT,
-    joint_damping.EFFECT,
-    gravity.EFFECT,
-    payload.EFFECT,
+NOMINAL_NAMES = (
+    "torque_constant",
+    "coulomb_friction",
+    "viscous_friction",
+    "current_bias",
+    "stiffness",
+    "joint_damping",
+    "gravity",
+    "payload",
+)
+ADDED_NAMES = (  # along the signal chain; effects at one port add up in this order
+    "command_delay",
+    "current_saturation",
+    "voltage_sag",
+    "current_loop_lag",
+    "stribeck_friction",
+    "asymmetric_friction",
+    "load_dependent_friction",
+    "position_dependent_friction",
+    "thermal_friction",
+    "presliding_friction",
+    "quadratic_friction",
+    "torque_ripple",
+    "rotor_coupling",
+    "kinematic_error",
+    "kinematic_torsion",
+    "transmission_ratio",
+    "backlash",
+    "missing_compliance",
+    "transmission_hysteresis",
+    "gravity_tilt",
+    "cable_spring",
+    "contact",
+    "link_flexibility",
+    "base_compliance",
+    "encoder_eccentricity",
+    "encoder_bias",
+    "sensor_delay",
+    "torque_sensor_gain",
 )
 
-ALL: tuple[Effect, ...] = (  # along the signal chain; effects at one port add up in this order
-    *NOMINAL,
-    command_delay.EFFECT,
-    current_saturation.EFFECT,
-    voltage_sag.EFFECT,
-    current_loop_lag.EFFECT,
-    stribeck_friction.EFFECT,
-    asymmetric_friction.EFFECT,
-    load_dependent_friction.EFFECT,
-    position_dependent_friction.EFFECT,
-    thermal_friction.EFFECT,
-    presliding_friction.EFFECT,
-    quadratic_friction.EFFECT,
-    torque_ripple.EFFECT,
-    rotor_coupling.EFFECT,
-    kinematic_error.EFFECT,
-    kinematic_torsion.EFFECT,
-    transmission_ratio.EFFECT,
-    backlash.EFFECT,
-    missing_compliance.EFFECT,
-    transmission_hysteresis.EFFECT,
-    gravity_tilt.EFFECT,
-    cable_spring.EFFECT,
-    contact.EFFECT,
-    link_flexibility.EFFECT,
-    base_compliance.EFFECT,
-    encoder_eccentricity.EFFECT,
-    encoder_bias.EFFECT,
-    sensor_delay.EFFECT,
-    torque_sensor_gain.EFFECT,
-)
+
+def _load_effect(name: str) -> Effect:
+    """The effect that the file of that name defines."""
+    effect: Effect = import_module(f"{__name__}.{name}").EFFECT
+    return effect
+
+
+NOMINAL: tuple[Effect, ...] = tuple(map(_load_effect, NOMINAL_NAMES))
+ALL: tuple[Effect, ...] = (*NOMINAL, *map(_load_effect, ADDED_NAMES))

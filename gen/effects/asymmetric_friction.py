@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -30,4 +31,14 @@ EFFECT = Effect(
     equation=compute_friction_level,
     citation="Armstrong-Hélouvry, Control of Machines with Friction (1991), 4: a quarter apart in the joints of a "
     "PUMA 560",
+    experiment=Experiment("repeat one motion in both directions", "differs between them and is nothing at rest"),
+    confusion_groups=(
+        ConfusionGroup.BIAS_OR_DIRECTION,
+        ConfusionGroup.FRICTION_BY_CONDITION,
+        ConfusionGroup.FRICTION_BY_SPEED,
+    ),
+    plot=Plot(PlotKind.FRICTION, Abscissa.MOTOR_SPEED),
+    is_friction=True,
+    presupposes="coulomb_friction",
+    twins=("current_bias",),
 )

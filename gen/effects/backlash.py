@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, EncoderTerm, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -19,11 +20,29 @@ EFFECT = Effect(
     name="backlash",
     port=Port.PLAY,
     parameters=(
-        Parameter("backlash_angle", "rad", 0.0, 0.0, 0.05, "width of the dead zone", typical=0.0005, sliding="m"),
+        Parameter(
+            "backlash_angle",
+            "rad",
+            0.0,
+            0.0,
+            0.05,
+            "width of the dead zone",
+            typical=0.0005,
+            sliding="m",
+            encoder_term=EncoderTerm.TORQUE_SIGN,
+        ),
     ),
     amplitudes=("backlash_angle",),
     equation=compute_play,
     citation="Nordin, Gutman, Automatica 38 (2002) 1633; size: 1 to 3 arcmin of a worn drive with its coupling, "
     "Harmonic Drive, CSG/CSF catalogue (2018), Oldham coupling",
     suits_rigid_drive=False,
+    experiment=Experiment(
+        "let the load pass zero slowly, with both encoders", "jumps where the torque changes its sign"
+    ),
+    confusion_groups=(
+        ConfusionGroup.TORSION_OR_READING,
+        ConfusionGroup.REVERSAL,
+    ),
+    plot=Plot(PlotKind.TORSION, Abscissa.TORSION),
 )

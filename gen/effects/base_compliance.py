@@ -4,6 +4,7 @@ its joint; τ joint torque; ω, ζ frequency and damping of the base; m its defl
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
 
@@ -38,4 +39,9 @@ EFFECT = Effect(
     ),
     joints="first",
     suits_prismatic_joint=False,
+    experiment=Experiment(
+        "shake the tip with the motors held", "gives way beneath the first joint, unseen by encoders"
+    ),
+    confusion_groups=(ConfusionGroup.SOFT_MODE,),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ACCELERATION),
 )

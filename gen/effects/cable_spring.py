@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -31,4 +32,10 @@ EFFECT = Effect(
     equation=compute_torque,
     citation="Siciliano et al., Robotics (2009), 7.2, an elastic force in the joint; size: a dress pack of 1 to 5 "
     "N m at one radian on an arm of 10 N m",
+    experiment=Experiment("creep through the whole range both ways", "pulls the same at an angle from either side"),
+    confusion_groups=(
+        ConfusionGroup.POSE,
+        ConfusionGroup.RANGE_END,
+    ),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ANGLE),
 )

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -19,4 +20,7 @@ EFFECT = Effect(
     equation=compute_delay,
     citation="Åström, Murray, Feedback Systems (2008), 8.2; size: two to three cycles of 1 ms of a CANopen drive "
     "(CiA 402 cyclic modes, 2016)",
+    experiment=Experiment("command steps and log the current", "shifts it in time, however large it is"),
+    confusion_groups=(ConfusionGroup.COMMAND_PATH,),
+    plot=Plot(PlotKind.INPUT, Abscissa.COMMAND_RATE),
 )

@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind, Wall
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 USUAL_SOFT_STIFFNESS = 3.0  # N m/rad, of a joint's cables: without an obstacle nothing stiffer is in its way
@@ -56,6 +57,7 @@ EFFECT = Effect(
             "joint angle above which it is met",
             starts=(1.0, 0.5, 0.0, 2.0),
             sliding="m",
+            search_unit=0.02,
         ),
         Parameter(
             "contact_below",
@@ -66,6 +68,7 @@ EFFECT = Effect(
             "joint angle below which it is met",
             starts=(-1.0, -0.5, 0.0, -2.0),
             sliding="m",
+            search_unit=0.02,
         ),
         Parameter(
             "contact_damping",
@@ -81,4 +84,11 @@ EFFECT = Effect(
     amplitudes=("contact_stiffness_above", "contact_stiffness_below"),
     equation=compute_torque,
     citation="Hunt, Crossley, J. Appl. Mech. 42 (1975) 440; size: foam or a hose, 1e4 N/m at 0.1 m",
+    experiment=Experiment("approach both ends of the range slowly", "pushes beyond one angle only"),
+    confusion_groups=(ConfusionGroup.RANGE_END,),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ANGLE),
+    walls=(
+        Wall("contact_stiffness_above", "contact_above", 1),
+        Wall("contact_stiffness_below", "contact_below", -1),
+    ),
 )

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -23,4 +24,7 @@ EFFECT = Effect(
     equation=compute_torque,
     citation="Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), offset of the measured "
     "force, with its size",
+    experiment=Experiment("hold still in one pose, reached from both sides", "adds the same at rest as in motion"),
+    confusion_groups=(ConfusionGroup.BIAS_OR_DIRECTION,),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.MOTOR_SPEED),
 )

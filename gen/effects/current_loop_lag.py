@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -19,4 +20,7 @@ EFFECT = Effect(
     equation=compute_time_constant,
     citation="Krishnan, Permanent Magnet Synchronous and Brushless DC Motor Drives (2010), 3; size: a current loop"
     " of 80 Hz, slow for an EPOS4 and usual where the drive filters its set value",
+    experiment=Experiment("command steps and log the current", "rounds its corners"),
+    confusion_groups=(ConfusionGroup.COMMAND_PATH,),
+    plot=Plot(PlotKind.INPUT, Abscissa.COMMAND_RATE),
 )

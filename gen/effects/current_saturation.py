@@ -5,6 +5,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -32,4 +33,7 @@ EFFECT = Effect(
     equation=limit_current,
     citation="Khalil, Nonlinear Systems (2002), 1.2.7; size: maxon, EPOS4 Firmware Specification (2023), nominal "
     "against output current limit, a factor of two",
+    experiment=Experiment("repeat one motion faster and faster", "cuts off large currents alone"),
+    confusion_groups=(ConfusionGroup.COMMAND_PATH,),
+    plot=Plot(PlotKind.INPUT, Abscissa.COMMAND),
 )

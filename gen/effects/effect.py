@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
+from gen.effects.appearance import ConfusionGroup, EncoderTerm, Experiment, Plot, Residual, SeriesSpring, Wall
+
 
 class Port(Enum):
     """Where an effect acts, in the order of the signal chain; each value begins with the place that reports name."""
@@ -53,6 +55,11 @@ class Parameter:
         sliding: Unit at a prismatic joint, where it is another.
         unless: A key of the drive; drives that have it do not have this parameter.
         everywhere: The size of which every machine has a little, where that is not ``typical``.
+        search_unit: Of a shape, the step of a search, where a share of its value or range will not do.
+        is_motor_order: Whether it counts cycles a turn of the motor: small steps do not lead from one to another.
+        is_reading_delay: Whether it is the time, s, by which the joint's encoder is read late.
+        encoder_term: How it shows in the difference between the encoders of its joint; None where it does not.
+        equivalent: A key of the robot file from which a small change of this parameter cannot be told.
 
     """
 
@@ -68,6 +75,11 @@ class Parameter:
     sliding: str | None = None
     unless: str | None = None
     everywhere: float | None = None
+    search_unit: float | None = None
+    is_motor_order: bool = False
+    is_reading_delay: bool = False
+    encoder_term: EncoderTerm | None = None
+    equivalent: str | None = None
 
 
 @dataclass(frozen=True)
@@ -79,8 +91,10 @@ class State:
         unit: Unit.
         bound: Size up to which the model is meant to be used.
         meaning: Meaning in words.
-        stiff: Whether it needs the L-stable step where the robot file states the effect.
-        slowed: Whether it builds up no faster than the explicit step carries (`gen.effects.state_rate_limit`).
+        is_stiff: Whether it needs the L-stable step where the robot file states the effect.
+        is_rate_limited: Whether it builds up no faster than the explicit step carries
+            (`gen.effects.state_rate_limit`).
+        is_accumulating: Whether the effect comes over time, this state being the share of it that is there.
 
     """
 
@@ -90,6 +104,7 @@ class State:
     meaning: str
     is_stiff: bool = False
     is_rate_limited: bool = False
+    is_accumulating: bool = False
 
 
 @dataclass(frozen=True)
@@ -125,11 +140,21 @@ class Effect:
         equation: ``equation(signals, p)`` returns its term at the port, or (term, rates of its states).
         citation: Where equation and size come from.
         states: Its states.
-        rigid: Whether it has a meaning in a rigid drive.
+        suits_rigid_drive: Whether it has a meaning in a rigid drive.
         joints: Where it is stated: "each" joint, the "first" or the "last" only, or the "arm" as a whole (joint 0).
-        prismatic: Whether it has a meaning at a prismatic joint.
-        sizes: Of amplitudes that are keys of the robot file, the difference from nominal that is usually met, as a
-            share of it.
+        suits_prismatic_joint: Whether it has a meaning at a prismatic joint.
+        usual_shares: Of amplitudes that are keys of the robot file, the difference from nominal that is usually met,
+            as a share of it.
+        guessed_keys: Of these keys those that a robot file often guesses, so that the true value may be any multiple.
+        experiment: The experiment that shows it.
+        plot: The plot that fits it.
+        confusion_groups: The groups of effects among which it is hard to tell in a log.
+        residual: The residual that shows it.
+        is_friction: Whether it changes friction at the motor.
+        presupposes: The effect without which it has no meaning, if any.
+        twins: Effects from which it differs at standstill only.
+        walls: Obstacles that it puts into the joint's range.
+        series_spring: The spring that it gives to a drive which the robot file calls rigid.
 
     """
 
@@ -144,3 +169,13 @@ class Effect:
     joints: str = "each"
     suits_prismatic_joint: bool = True
     usual_shares: Mapping[str, float] = field(default_factory=dict, hash=False)
+    guessed_keys: tuple[str, ...] = ()
+    experiment: Experiment = field(kw_only=True)
+    plot: Plot = field(kw_only=True)
+    confusion_groups: tuple[ConfusionGroup, ...] = ()
+    residual: Residual = Residual.AT_PLACE
+    is_friction: bool = False
+    presupposes: str | None = None
+    twins: tuple[str, ...] = ()
+    walls: tuple[Wall, ...] = ()
+    series_spring: SeriesSpring | None = None

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Port, Signals
 
 
@@ -19,4 +20,7 @@ EFFECT = Effect(
     equation=compute_gravity,
     citation="Lagrangian of the chain (`gen.model.lagrangian`)",
     joints="arm",
+    experiment=Experiment("hold still at several poses across the range", "follows the lever of the pose"),
+    confusion_groups=(ConfusionGroup.POSE,),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ANGLE),
 )

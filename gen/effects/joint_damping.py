@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Port, Signals
 
 
@@ -21,4 +22,11 @@ EFFECT = Effect(
     "catalogue gives it; what damps the spring of a CSG-17 (about 1e4 N m/rad) under 0.06 kg m² critically, 2 √(K M)",
     suits_rigid_drive=False,
     usual_shares={"torsional_damping": 8.0},
+    experiment=Experiment("load the gear to and fro, slowly and fast", "resists with the rate of the twist"),
+    confusion_groups=(
+        ConfusionGroup.TORSION_LOOP,
+        ConfusionGroup.SOFT_MODE,
+        ConfusionGroup.TORSION_OR_READING,
+    ),
+    plot=Plot(PlotKind.TORSION, Abscissa.TORSION),
 )

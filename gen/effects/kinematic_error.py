@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, EncoderTerm, Experiment, Plot, PlotKind, Residual
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -25,11 +26,30 @@ EFFECT = Effect(
     name="kinematic_error",
     port=Port.TORSION,
     parameters=tuple(
-        Parameter(name, "rad", 0.0, -2e-3, 2e-3, "amplitude at the joint", typical=1.5e-4) for name in HARMONIC_NAMES
+        Parameter(
+            name,
+            "rad",
+            0.0,
+            -2e-3,
+            2e-3,
+            "amplitude at the joint",
+            typical=1.5e-4,
+            encoder_term=EncoderTerm(name.replace("kinematic", "motor")),
+        )
+        for name in HARMONIC_NAMES
     ),
     amplitudes=HARMONIC_NAMES,
     equation=compute_torsion_error,
     citation="Tuttle, Seering, Nonlinear model of a harmonic drive, IEEE Trans. Robot. Autom. 12 (1996) 368; "
     "size: 1 arcmin from peak to peak, Harmonic Drive, CSG/CSF catalogue (2018)",
     suits_rigid_drive=False,
+    experiment=Experiment(
+        "run at several constant speeds with both encoders", "comes back with the motor's turn at any speed"
+    ),
+    confusion_groups=(
+        ConfusionGroup.PERIODIC,
+        ConfusionGroup.ANGLE_ERROR,
+    ),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.MOTOR_ANGLE),
+    residual=Residual.GEAR_ANGLE,
 )

@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -30,4 +31,13 @@ EFFECT = Effect(
     equation=compute_torsion_error,
     citation="paper (13), Fig. 14; size: 1 arcmin from peak to peak, Harmonic Drive, CSG/CSF catalogue (2018)",
     suits_rigid_drive=False,
+    experiment=Experiment(
+        "turn the motor slowly without load, with both encoders", "comes back with the output's turn"
+    ),
+    confusion_groups=(
+        ConfusionGroup.PERIODIC,
+        ConfusionGroup.TORSION_LOOP,
+        ConfusionGroup.ANGLE_ERROR,
+    ),
+    plot=Plot(PlotKind.TORSION, Abscissa.TORSION),
 )

@@ -4,6 +4,7 @@ joint; ω, ζ frequency and damping of the clamped link; a deflection, b its abs
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
 
@@ -41,4 +42,9 @@ EFFECT = Effect(
         State("bending_speed", "rad/s", 10.0, "speed of the oscillator"),
     ),
     suits_prismatic_joint=False,
+    experiment=Experiment(
+        "shake the arm up to 25 Hz with two payloads", "rings behind the encoder, slower with more payload"
+    ),
+    confusion_groups=(ConfusionGroup.SOFT_MODE,),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ACCELERATION),
 )

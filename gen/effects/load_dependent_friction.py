@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -26,4 +27,8 @@ EFFECT = Effect(
     equation=compute_friction_level,
     citation="Hamon, Gautier, Garrec, Proc. IROS (2010) 187; size: efficiency of 65 to 85 % under load, Harmonic "
     "Drive, CSG/CSF catalogue (2018)",
+    experiment=Experiment("repeat one speed at several loads", "grows with the load, whichever way that acts"),
+    confusion_groups=(ConfusionGroup.FRICTION_BY_CONDITION,),
+    plot=Plot(PlotKind.FRICTION_BEYOND_BASE, Abscissa.LOAD),
+    is_friction=True,
 )

@@ -4,6 +4,7 @@ the drive was built, N m/rad; d damping, N m s/rad."""
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind, SeriesSpring
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -41,4 +42,12 @@ EFFECT = Effect(
     equation=compute_series_spring,
     citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310; size: K1 of a CSG-17, Harmonic Drive, CSG/CSF "
     "catalogue (2018)",
+    experiment=Experiment("hold the motor and push the tip", "lets the joint give way where the model is rigid"),
+    confusion_groups=(
+        ConfusionGroup.SOFT_MODE,
+        ConfusionGroup.TORSION_OR_READING,
+        ConfusionGroup.COMMAND_PATH,
+    ),
+    plot=Plot(PlotKind.TORSION, Abscissa.TORSION),
+    series_spring=SeriesSpring("missing_compliance", "missing_damping"),
 )

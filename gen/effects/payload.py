@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -19,4 +20,10 @@ EFFECT = Effect(
     equation=compute_tip_mass,
     citation="Lagrangian of the chain with a point mass at the tip; size: a small gripper, 0.3 kg",
     joints="last",
+    experiment=Experiment("swap a known payload", "changes weight and inertia together"),
+    confusion_groups=(
+        ConfusionGroup.GAIN_OR_MASS,
+        ConfusionGroup.POSE,
+    ),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ACCELERATION),
 )

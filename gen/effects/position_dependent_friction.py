@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -43,4 +44,13 @@ EFFECT = Effect(
     equation=compute_friction_level,
     citation="Popović, Goldenberg, IEEE Trans. Robot. Autom. 14 (1998) 114, friction by position, with its size",
     suits_prismatic_joint=False,
+    experiment=Experiment(
+        "creep through the whole range both ways", "varies with the angle and changes its sign with the direction"
+    ),
+    confusion_groups=(
+        ConfusionGroup.FRICTION_BY_CONDITION,
+        ConfusionGroup.RANGE_END,
+    ),
+    plot=Plot(PlotKind.FRICTION_BEYOND_BASE, Abscissa.JOINT_ANGLE),
+    is_friction=True,
 )

@@ -5,6 +5,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
 from gen.effects.state_rate_limit import limit_displacement
 
@@ -48,4 +49,9 @@ EFFECT = Effect(
     citation="Dahl, TOR-0158 (1968); Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, (1)-(3); size: "
     "all of it does",
     states=(State("bristle", "1", 1.0, "deflection against the displacement", is_stiff=True, is_rate_limited=True),),
+    experiment=Experiment("reverse within a few encoder steps", "is a spring before the joint breaks away"),
+    confusion_groups=(ConfusionGroup.REVERSAL,),
+    plot=Plot(PlotKind.FRICTION, Abscissa.MOTOR_TRAVEL),
+    is_friction=True,
+    presupposes="coulomb_friction",
 )

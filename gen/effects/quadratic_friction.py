@@ -5,6 +5,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -32,4 +33,8 @@ EFFECT = Effect(
     equation=compute_torque,
     citation="Tuttle, Seering, IEEE Trans. Robot. Autom. 12 (1996) 368, friction beyond linear in speed; size: "
     "30 % of the viscous part at 1 rad/s of the joint",
+    experiment=Experiment("run at constant speeds up to the fastest", "grows with the square of speed"),
+    confusion_groups=(ConfusionGroup.FRICTION_BY_SPEED,),
+    plot=Plot(PlotKind.FRICTION, Abscissa.MOTOR_SPEED),
+    is_friction=True,
 )

@@ -4,6 +4,7 @@ out)."""
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -29,4 +30,6 @@ EFFECT = Effect(
     amplitudes=("coupling",),
     equation=compute_reaction,
     citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, the term that is dropped there; size: whole",
+    experiment=Experiment("move the joints before this one hard while it is held", "follows their acceleration"),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.FIRST_JOINT_ACCELERATION),
 )

@@ -4,6 +4,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -23,4 +24,15 @@ EFFECT = Effect(
     citation="paper (3)-(11), (19) corrected; size: catalogue stiffness holds to ±30 %, Harmonic Drive, CSG/CSF "
     "catalogue (2018)",
     suits_rigid_drive=False,
+    experiment=Experiment(
+        "load the held gear with several torques", "twists it in proportion and comes back on its line"
+    ),
+    confusion_groups=(
+        ConfusionGroup.TORSION_LOOP,
+        ConfusionGroup.SOFT_MODE,
+        ConfusionGroup.TORSION_OR_READING,
+        ConfusionGroup.REVERSAL,
+        ConfusionGroup.ANGLE_ERROR,
+    ),
+    plot=Plot(PlotKind.TORSION, Abscissa.TORSION),
 )

@@ -8,6 +8,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -55,4 +56,12 @@ EFFECT = Effect(
     equation=compute_friction_level,
     citation="Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083 (exponents 0.5 to 2); size: "
     "Kircanski, Goldenberg, Int. J. Robot. Res. 16 (1997) 214, harmonic drives",
+    experiment=Experiment("run at constant speeds from creep on", "falls with speed at first"),
+    confusion_groups=(
+        ConfusionGroup.REVERSAL,
+        ConfusionGroup.FRICTION_BY_SPEED,
+    ),
+    plot=Plot(PlotKind.FRICTION, Abscissa.MOTOR_SPEED),
+    is_friction=True,
+    presupposes="coulomb_friction",
 )

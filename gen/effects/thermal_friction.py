@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
 
@@ -44,5 +45,13 @@ EFFECT = Effect(
     equation=compute_friction_loss,
     citation="Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013, with its size; heat by friction's "
     "own power",
-    states=(State("warmth", "1", 1.0, "share of the way to the warm drive"),),
+    states=(State("warmth", "1", 1.0, "share of the way to the warm drive", is_accumulating=True),),
+    experiment=Experiment("repeat one motion from cold to warm", "falls over minutes"),
+    confusion_groups=(
+        ConfusionGroup.GAIN_OR_MASS,
+        ConfusionGroup.FRICTION_BY_CONDITION,
+    ),
+    plot=Plot(PlotKind.FRICTION_BEYOND_BASE, Abscissa.TIME),
+    is_friction=True,
+    presupposes="coulomb_friction",
 )

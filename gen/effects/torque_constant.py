@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -33,4 +34,10 @@ EFFECT = Effect(
     citation="paper, Table II; size: data sheets give ±10 % at 25 °C and magnets lose 0.1 to 0.2 %/K (maxon, Key "
     "information (2021))",
     usual_shares={"torque_constant": 0.15},
+    experiment=Experiment("hold several known payloads still", "errs in proportion to the current, at rest as well"),
+    confusion_groups=(
+        ConfusionGroup.GAIN_OR_MASS,
+        ConfusionGroup.ANGLE_ERROR,
+    ),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.MOTOR_INPUT),
 )

@@ -5,6 +5,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -45,10 +46,22 @@ EFFECT = Effect(
             typical=0.15,
             scale="coulomb_friction",
         ),
-        Parameter("ripple_order", "1", 6.0, 1.0, 200.0, "cycles a turn of the motor", starts=(6.0, 1.0, 2.0, 12.0)),
+        Parameter(
+            "ripple_order",
+            "1",
+            6.0,
+            1.0,
+            200.0,
+            "cycles a turn of the motor",
+            starts=(6.0, 1.0, 2.0, 12.0),
+            is_motor_order=True,
+        ),
     ),
     amplitudes=("ripple_sine", "ripple_cosine", "ripple_sine_twice", "ripple_cosine_twice"),
     equation=compute_torque,
     citation="Holtz, Springob, IEEE Trans. Ind. Electron. 43 (1996) 694; size: 1 to 2 % of the rated torque, which"
     " is 0.1 to 0.2 of a harmonic drive's running torque",
+    experiment=Experiment("creep over several turns of the motor", "comes back with them in the current"),
+    confusion_groups=(ConfusionGroup.PERIODIC,),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.MOTOR_ANGLE),
 )

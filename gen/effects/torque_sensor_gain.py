@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, Experiment, Plot, PlotKind, Residual
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -23,4 +24,7 @@ EFFECT = Effect(
     equation=compute_reading_error,
     citation="Taghirad, Bélanger, J. Dyn. Sys. Meas. Control 120 (1998) 439, strain gauges on a flexspline, with "
     "its size",
+    experiment=Experiment("hang a known weight on the arm at rest", "is wrong in the sensor's reading alone"),
+    plot=Plot(PlotKind.RESIDUAL, Abscissa.LOAD),
+    residual=Residual.TORQUE_READING,
 )

@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
 from gen.effects.state_rate_limit import limit_displacement
 
@@ -40,4 +41,11 @@ EFFECT = Effect(
     "size: half of K ψ of a CSG-17 (catalogue: loss of up to 2 arcmin)",
     states=(State("hysteresis", "1", 1.0, "share of the hysteresis torque", is_rate_limited=True),),
     suits_rigid_drive=False,
+    experiment=Experiment("load the gear to and fro about several preloads", "remembers where the load turned"),
+    confusion_groups=(
+        ConfusionGroup.TORSION_LOOP,
+        ConfusionGroup.TORSION_OR_READING,
+        ConfusionGroup.REVERSAL,
+    ),
+    plot=Plot(PlotKind.TORSION, Abscissa.TORSION),
 )

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -29,4 +30,7 @@ EFFECT = Effect(
     equation=compute_torsion_error,
     citation="Harmonic Drive, CSG/CSF catalogue (2018): ratio N or N + 1 by which part is held, 1 % at N = 100",
     suits_rigid_drive=False,
+    experiment=Experiment("turn the joint as far as it can", "errs in proportion to the angle, without any load"),
+    confusion_groups=(ConfusionGroup.ANGLE_ERROR,),
+    plot=Plot(PlotKind.TORSION, Abscissa.TORSION),
 )

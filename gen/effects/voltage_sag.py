@@ -5,6 +5,7 @@ from typing import Any
 
 import casadi as ca
 
+from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
@@ -33,4 +34,7 @@ EFFECT = Effect(
     equation=reduce_current,
     citation="Duclusaud, Passault, Padois, Ly, Extended Friction Models for the Physics Simulation of Servo "
     "Actuators (2024); size: a fifth of the supply at full current",
+    experiment=Experiment("repeat one motion faster and faster", "takes torque where speed and current are both large"),
+    confusion_groups=(ConfusionGroup.COMMAND_PATH,),
+    plot=Plot(PlotKind.INPUT, Abscissa.COMMAND),
 )

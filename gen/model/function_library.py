@@ -9,7 +9,8 @@ import casadi as ca
 
 from gen.model import torque_estimate
 from gen.model.arm_model import Model, solve_symmetric
-from gen.model.compliance_laws import Law, make_laws
+from gen.model.compliance_laws import make_laws
+from gen.model.control_loop import Law
 from gen.model.emitted_function import EmittedFunction, make_dense_function
 from gen.model.right_hand_side import Graphs, assemble_graphs
 

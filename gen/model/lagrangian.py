@@ -35,7 +35,7 @@ class Lagrangian:
     """The arm's equations of motion. Matrices are immutable; n is the number of coordinates, SI units.
 
     Without drives, and with rigid ones, the coordinates are the joints' (rad, m). A flexible drive adds a motor angle;
-    these stand first, in the order of the joints, as in the state vector of docs/design.md.
+    these stand first, in the order of the joints, as in the state vector of docs/project/design.md.
     """
 
     kinds: tuple[str, ...]
@@ -160,7 +160,7 @@ def _check_arguments(kinds: tuple[str, ...], drives: tuple[str, ...]) -> None:
 
 
 def _joint_symbol(name: str, joint: int) -> sp.Symbol:
-    """The symbol of a joint's quantity under its name in docs/design.md; joints count from 1 there."""
+    """The symbol of a joint's quantity under its name in docs/project/design.md; joints count from 1 there."""
     return sp.Symbol(f"{name}_{joint + 1}", real=True)
 
 

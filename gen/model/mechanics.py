@@ -53,18 +53,7 @@ def emit_kinematics(model: Model, c: Any) -> list[EmittedFunction]:
             "what the joints' encoders read, rad, and how fast that changes",
         )
     )
-    load = SX.sym("joint_torque", model.n)
-    twist = [SX(0)] * model.n
-    for j in model.flexible:
-        twist[j - 1] = harmonic_drive.spring_torsion(
-            load[j - 1], harmonic_drive.spring_constants(model.joint_parameters(j))
-        )
-    out.append(
-        EmittedFunction(
-            make_dense_function("torsion", {"joint_torque": load, "c": c}, {"torsion": ca.vertcat(*twist)}),
-            "torsion of the springs under a torque, rad",
-        )
-    )
+    out.append(_emit_torsion(model, c))
     if chain.kinds == ("revolute", "revolute"):
         point = SX.sym("point", 2)
         both = chain.inverse_branches(point, p)
@@ -77,6 +66,20 @@ def emit_kinematics(model: Model, c: Any) -> list[EmittedFunction]:
             )
         )
     return out
+
+
+def _emit_torsion(model: Model, c: Any) -> EmittedFunction:
+    """The torsion of the springs under a joint torque, 0 in rigid drives."""
+    load = SX.sym("joint_torque", model.n)
+    twist = [SX(0)] * model.n
+    for j in model.flexible:
+        twist[j - 1] = harmonic_drive.spring_torsion(
+            load[j - 1], harmonic_drive.spring_constants(model.joint_parameters(j))
+        )
+    return EmittedFunction(
+        make_dense_function("torsion", {"joint_torque": load, "c": c}, {"torsion": ca.vertcat(*twist)}),
+        "torsion of the springs under a torque, rad",
+    )
 
 
 def emit_positions(model: Model, c: Any) -> EmittedFunction:

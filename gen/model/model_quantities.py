@@ -33,6 +33,12 @@ class Quantity:
     typical: float | None = None  # size of a difference from nominal that is usually met, in `unit`
     everywhere: float | None = None  # that of which every machine has a little, where that is another
     starts: tuple[float, ...] = ()  # of a shape: values from which a search starts
+    is_guess: bool = False  # whether the robot file's value is often a guess
+    search_unit: float | None = None  # the rest as in `gen.effects.effect.Parameter`
+    is_motor_order: bool = False
+    is_reading_delay: bool = False
+    encoder_term: str | None = None
+    equivalent: str | None = None
 
 
 @dataclass(frozen=True)
@@ -147,9 +153,10 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
     if key in SPRING_KEYS:  # where the springs' inverse keeps its error, and a robot file may state them
         low = max(min(low, value.nominal), value.nominal / SPRING_SPREAD)
         high = min(max(high, value.nominal), value.nominal * SPRING_SPREAD)
-    name, typical = None, None
+    name, typical, is_guess = None, None, False
     if key in amplitude_of:
         effect = amplitude_of[key]
+        is_guess = key in effect.guessed_keys
         name, typical = effect.name, effect.usual_shares[key] * typical_loads.usual_size(robot, value.joint, key)
     return Quantity(
         value.name,
@@ -163,6 +170,7 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
         name,
         "base",
         typical,
+        is_guess=is_guess,
     )
 
 
@@ -208,6 +216,11 @@ def _effect_quantity(
         _scale_size(parameter.typical, factor),
         _scale_size(parameter.everywhere, factor),
         tuple(start * factor for start in parameter.starts),
+        search_unit=parameter.search_unit,
+        is_motor_order=parameter.is_motor_order,
+        is_reading_delay=parameter.is_reading_delay,
+        encoder_term=parameter.encoder_term,
+        equivalent=parameter.equivalent,
     )
 
 

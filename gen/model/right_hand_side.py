@@ -172,18 +172,7 @@ def assemble_graphs(model: Model) -> Graphs:
             "constants from parameters",
         ),
         EmittedFunction(make_dense_function("rhs", xuc, {"rate": rate}), "rate of x, friction with the smooth sign"),
-        EmittedFunction(
-            make_dense_function(
-                "rhs_exact", {"x": model.x, "u": model.u, "sliding": sliding, "c": c}, {"rate": exact_rate}
-            ),
-            "rate of x, each motor sliding in the given direction or stuck (0)",
-        ),
-        EmittedFunction(
-            make_dense_function(
-                "holding", {"x": model.x, "u": model.u, "sliding": sliding, "c": c}, {"hold": hold, "level": levels}
-            ),
-            "torque that holds each motor at rest, and the most that dry friction gives, N m at the motor",
-        ),
+        *_emit_exact_friction(model, c, sliding, exact_rate, hold, levels),
         EmittedFunction(
             make_dense_function("rhs_jacobian", xuc, dict(zip(("by_x", "by_u", "by_p"), jacobians, strict=True))),
             "derivatives of the rate by x, u and p, column by column",
@@ -196,6 +185,23 @@ def assemble_graphs(model: Model) -> Graphs:
     if model.needs_stiff_step:
         functions += _stiff_functions(model, xuc, jacobians[0])
     return Graphs(model, lanes, chain, exact_chain, holding_chain, constants.preparation(model), c, tuple(functions))
+
+
+def _emit_exact_friction(
+    model: Model, c: Any, sliding: Any, rate: Any, hold: Any, levels: Any
+) -> tuple[EmittedFunction, EmittedFunction]:
+    """The functions of dry friction that sticks exactly: the rate, and the torques that hold the motors."""
+    ins = {"x": model.x, "u": model.u, "sliding": sliding, "c": c}
+    return (
+        EmittedFunction(
+            make_dense_function("rhs_exact", ins, {"rate": rate}),
+            "rate of x, each motor sliding in the given direction or stuck (0)",
+        ),
+        EmittedFunction(
+            make_dense_function("holding", ins, {"hold": hold, "level": levels}),
+            "torque that holds each motor at rest, and the most that dry friction gives, N m at the motor",
+        ),
+    )
 
 
 def _stiff_functions(model: Model, xuc: dict[str, Any], by_x: Any) -> list[EmittedFunction]:

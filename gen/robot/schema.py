@@ -1,7 +1,7 @@
 """The keys of robot.toml in one table, from which the checks (`gen.robot.value_reader`, `gen.robot.load_robot`) and
-docs/robot.md are made.
+docs/reference/robot_toml.md are made.
 
-`python -m gen.robot.schema` prints docs/robot.md.
+`python -m gen.robot.schema` prints docs/reference/robot_toml.md.
 """
 
 from __future__ import annotations
@@ -252,24 +252,29 @@ def describe_range(key: Key) -> str:
 
 INTRODUCTION = """# robot.toml
 
-Made from the table in `gen/robot/schema.py` by `python -m gen.robot.schema`.
+`python -m gen.robot.schema` prints this page from the table in `gen/robot/schema.py`.
+[bring_your_robot.md](../guides/bring_your_robot.md) shows how to write a file.
 
-SI units, angles in rad. The `[[joint]]` tables stand base first, {joints} at most, and are numbered from 1;
-`[joint.drive]`, `[joint.limits]` and `[joint.sensor]` belong to the `[[joint]]` above them. Units at a prismatic
-joint stand in parentheses. A number marked ± may be written `{{value = 1.6, tolerance = 0.1}}`; written plainly it
-has the file's tolerance, or 0 where the mark is (±). Unknown keys, missing keys, wrong types and values out of
-range are refused, all at once. A file that is not TOML in UTF-8 or is larger than 1 MB is refused as a whole.
+Values are in SI units, angles in rad. The `[[joint]]` tables stand base first, at most {joints}, and count from 1.
+`[joint.drive]`, `[joint.limits]` and `[joint.sensor]` belong to the `[[joint]]` above them. Units of a prismatic joint
+stand in parentheses.
 
-`gen.robot.load_robot.load` takes such a file or the name of a preset: {presets}.
+A number marked ± may be written `{{value = 1.6, tolerance = 0.1}}`. A plain number has the tolerance of the file, or 0
+if the mark is (±).
 
-Gears in the catalogue: {gears}. Of any other gear the numbers of its data sheet stand in `[joint.drive]`:
-`ratio`, `K1`, `K2`, `K3`, `T1`, `T2`, `hysteresis_loss` (ψ) and, where it is known, `starting_torque`; the four springs
-follow from them as from the catalogue's.
+All problems of a file are reported together: unknown keys, missing keys, wrong types and values out of range. A file
+that is not TOML in UTF-8, or is larger than 1 MB, is refused as a whole.
+
+Presets: {presets}.
+
+Gears in the catalogue: {gears}. For any other gear, copy the numbers of its data sheet to `[joint.drive]`: `ratio`,
+`K1`, `K2`, `K3`, `T1`, `T2`, `hysteresis_loss` (ψ) and, if it is known, `starting_torque`. The four springs follow from
+them as from the catalogue's.
 """
 
 
 def write_document() -> str:
-    """Write docs/robot.md, the table of keys as Markdown.
+    """Write docs/reference/robot_toml.md, the table of keys as Markdown.
 
     Returns:
         The text.

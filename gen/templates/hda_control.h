@@ -1,4 +1,4 @@
-/* A controller and its guard in one context: whatever comes in, a legal torque goes out. See docs/safety.md.
+/* A controller and its guard in one context: whatever comes in, a legal torque goes out. See docs/project/safety.md.
  *
  *     static hda_controller k;                        // zeros
  *     hda_controller_configure(&k, HDA_LAW_impedance_cartesian, p, gains, &config);

@@ -1,4 +1,4 @@
-/* The guard around every control tick; hda_guard.h says what it promises, docs/safety.md why.
+/* The guard around every control tick; hda_guard.h says what it promises, docs/project/safety.md why.
  *
  * The checks of a tick stand in one order and the first that fails names the fault: version and latch, time, finite
  * inputs, jump and stale; the controller; finite result, force, torque, rate against the torque sent last, the last

@@ -1,4 +1,4 @@
-/* The guard around every control tick: whatever comes in, a legal torque goes out. See docs/safety.md.
+/* The guard around every control tick: whatever comes in, a legal torque goes out. See docs/project/safety.md.
  *
  *     status = hda_guard_begin(&guard, now, &measurement, reference, count);
  *     if (status >= 0) controller(..., raw, force_map);

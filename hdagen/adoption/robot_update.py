@@ -52,12 +52,16 @@ class AdoptedRobot:
 
 
 def adopt(
-    diagnosis: str | Path, robot: str | Path, out: str | Path | None, force: bool = False, profile: str = "portable"
+    diagnosis: str | Path | Mapping[str, Any],
+    robot: str | Path,
+    out: str | Path | None,
+    force: bool = False,
+    profile: str = "portable",
 ) -> AdoptedRobot:
     """Write a robot file with the verdict of a diagnosis in it.
 
     Args:
-        diagnosis: A diagnosis.json.
+        diagnosis: A diagnosis.json, or its content.
         robot: The robot.toml that was diagnosed.
         out: Where the new file goes; None: nothing is written.
         force: Whether a file that is there may be replaced.
@@ -77,7 +81,9 @@ def adopt(
         label = Path(out)
         _check_destination(label, force)
     stated = verdict.read_verdict(diagnosis)
-    content = read_content(Path(diagnosis))
+    content = diagnosis
+    if not isinstance(content, Mapping):
+        content = read_content(Path(content))
     arm = verdict.load_with_effects(robot, profile, stated)
     wanted, notes = verdict.apply_verdict(arm, stated)
     file = RobotFile(raw, arm)

@@ -21,7 +21,6 @@ UNCHANGED_WIDTH_SHARE = 0.9  # posterior by prior width, from which on a log sai
 LEAST_MOVE = 0.1  # of the prior width, that such a parameter has moved at most
 MOST_TOLERANCES = 3.0  # standard deviations of its tolerance that a base parameter may move
 MOST_GRAVITY_CHANGE = 0.13  # m/s² that gravity may move, three quarters of a degree: no base is quite level
-COMPLIANCE_EFFECT = "missing_compliance"  # the effect that changes what a drive is made of
 _BOUND_ROUNDING = 1e-6  # of a range, by which a number may lie beyond its ends without a word
 _MOST_EFFECTS = 200  # effects of a verdict
 _EFFECT_PATTERN = re.compile(r"([a-z][a-z0-9_]{0,47})@(0|[1-9][0-9]?)")
@@ -238,9 +237,15 @@ def find_rigid_compliances(arm: Arm, stated: Mapping[str, float]) -> dict[str, f
     """Of drives that the robot file calls rigid and the model gives a spring, its compliance where none is ``stated``:
     the least there is."""
     described = arm.parameters.described.values()
-    free = (q for q in described if q.effect == COMPLIANCE_EFFECT and q.role == "amplitude" and q.name not in stated)
-    absent = {effect["joint"] for effect in arm.robot["effects"] if effect["name"] == COMPLIANCE_EFFECT}
+    springs = _list_spring_effects(arm)
+    free = (q for q in described if q.effect in springs and q.role == "amplitude" and q.name not in stated)
+    absent = {effect["joint"] for effect in arm.robot["effects"] if effect["name"] in springs}
     return {q.name: q.low for q in free if q.joint not in absent}
+
+
+def _list_spring_effects(arm: Arm) -> frozenset[str]:
+    """The effects that change what a drive is made of: they give a rigid one a spring."""
+    return frozenset(name for name, traits in arm.effects.items() if traits.series_spring)
 
 
 def _check_joints(arm: Arm, verdict: Verdict) -> None:
@@ -294,13 +299,13 @@ def _check_same_robot(robot: str | Path, arm: Arm, source: str, diagnosed: Diagn
 def _list_absent_effects(arm: Arm, verdict: Verdict) -> tuple[str, ...]:
     """The verdict's effects whose equation the model lacks, with the joint where they change the drive itself; one that
     frees parameters it has needs none."""
-    present = {effect["name"] for effect in arm.manifest["effects"]}
+    present, springs = {effect["name"] for effect in arm.manifest["effects"]}, _list_spring_effects(arm)
     known = set(arm.parameters.described)
     lacking = [e for e in verdict.effects if set(e.parameters) - known]
     return tuple(
         sorted(
-            {f"{COMPLIANCE_EFFECT}@{e.joint}" for e in lacking if e.name == COMPLIANCE_EFFECT}
-            | {e.name for e in lacking if e.name != COMPLIANCE_EFFECT and e.name not in present}
+            {f"{e.name}@{e.joint}" for e in lacking if e.name in springs}
+            | {e.name for e in lacking if e.name not in springs and e.name not in present}
         )
     )
 

@@ -38,6 +38,12 @@ class Parameter:
         typical: The usual difference from nominal.
         everywhere: The small difference that every machine has, where that is another than ``typical``.
         starts: For a shape, the values from which a search starts.
+        is_guess: Whether the robot file's value is often a guess, so that the true one may be any multiple.
+        search_unit: Of a shape, the step of a search, where a share of its value or range will not do.
+        is_motor_order: Whether it counts cycles a turn of the motor: small steps do not lead from one to another.
+        is_reading_delay: Whether it is the time, s, by which the joint's encoder is read late.
+        encoder_term: How it shows in the difference between the encoders of its joint, if it does.
+        equivalent: A key of the robot file from which a small change of this parameter cannot be told, if any.
 
     """
 
@@ -54,6 +60,12 @@ class Parameter:
     typical: float | None = None
     everywhere: float | None = None
     starts: tuple[float, ...] = ()
+    is_guess: bool = False
+    search_unit: float | None = None
+    is_motor_order: bool = False
+    is_reading_delay: bool = False
+    encoder_term: str | None = None
+    equivalent: str | None = None
 
 
 class ParameterOwner(Protocol):

@@ -290,4 +290,6 @@ def load(
         PlantError: The robot cannot be built or loaded.
 
     """
-    return Arm(find_or_build(robot, profile, effects, out, mpc))
+    arm = Arm(find_or_build(robot, profile, effects, out, mpc))
+    arm.source = robot
+    return arm

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from hdagen.arm.arm_parameters import Parameter, Parameters
 from hdagen.arm.arrays import Array, as_rows, as_vector, is_number
 from hdagen.arm.build_loader import PlantError, advise_rebuild, open_build
+from hdagen.arm.effect_catalogue import EffectCatalogue
 from hdagen.support.messages import join_nearest_names
 
 
@@ -40,12 +41,14 @@ class StepJacobians:
 
 class CompiledModel:
     """The compiled model of an arm. x, u and p are ordered as ``state_names``, ``input_names`` and ``parameters`` say;
-    units are SI.
+    units are SI. ``effects`` says of every effect, in the model or not, how it shows itself.
 
     ``p`` and ``c`` are this object's own; two that are loaded from one build do not share parameters. Threads may share
     a model whose parameters none of them sets: nothing else changes it, and `with_parameters` makes one with other
     parameters.
     """
+
+    source: str | Path | None = None  # the preset or robot.toml that it was loaded from; None: the folder of a build
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = folder = Path(folder)
@@ -65,6 +68,7 @@ class CompiledModel:
         self.input_names = tuple(s["name"] for s in self.manifest["input"])
         self.nx, self.nu = len(self.state_names), len(self.input_names)
         self.step_size = float(self.robot["step"])
+        self.effects = EffectCatalogue(self.manifest["catalogue"])
         self.has_input_stage = any(effect["place"] == "input" for effect in self.manifest["effects"])
         self._shapes = {f["name"]: (f["inputs"], f["outputs"]) for f in self.manifest["functions"]}
         self.p: Array = np.array([q["nominal"] for q in self.manifest["parameters"]])

@@ -51,7 +51,7 @@ class SampledPath:
 
 
 def read_sensors(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None = None) -> dict[str, Array]:
-    """Evaluate `Arm.outputs` along paths, with joint_position as late as the parameter sensor_delay says.
+    """Evaluate `Arm.outputs` along paths, with joint_position as late as the parameters say.
 
     Args:
         arm: The arm.
@@ -67,8 +67,8 @@ def read_sensors(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None 
     if not _list_sensor_delays(arm).any():
         return arm.outputs(x, u)
     prompt = arm.p.copy()
-    for k, name in enumerate(arm.parameters.described):
-        if name.startswith("sensor_delay_"):
+    for k, q in enumerate(arm.parameters.described.values()):
+        if q.is_reading_delay:
             prompt[k] = 0.0
     seen = arm.with_parameters(prompt).outputs(x, u)
     _delay_joint_positions(arm, SampledPath(time, begins), x, seen["joint_position"])
@@ -95,8 +95,11 @@ def read_positions(arm: Arm, path: SampledPath, x: Array) -> dict[str, Array]:
 
 def _list_sensor_delays(arm: Arm) -> Array:
     """The delay of each joint's encoder (n), s."""
-    names = (f"sensor_delay_{j}" for j in range(1, arm.n + 1))
-    return np.array([arm.parameters.get(name, 0.0) for name in names])
+    ages = np.zeros(arm.n)
+    for k, q in enumerate(arm.parameters.described.values()):
+        if q.is_reading_delay:
+            ages[q.joint - 1] += arm.p[k]
+    return ages
 
 
 def _delay_joint_positions(arm: Arm, path: SampledPath, x: Array, angle: Array) -> None:

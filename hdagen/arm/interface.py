@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from hdagen.arm.arm_parameters import Parameters
 from hdagen.arm.arrays import Array
+from hdagen.arm.effect_catalogue import EffectCatalogue
 
 
 class ArmInterface(Protocol):
@@ -16,6 +17,7 @@ class ArmInterface(Protocol):
 
     n: int
     parameters: Parameters
+    effects: EffectCatalogue
 
     @property
     def manifest(self) -> Mapping[str, Any]:

@@ -33,13 +33,13 @@ class StableStep:
     """The bounds on the step of an arm.
 
     Attributes:
-        places: Index in p of each spring's damping.
-        looseness: 1/M + 1/(N² J) of each spring, the largest over poses, 1/(kg m²).
-        usual: The fastest decay with the robot file's own damping, 1/s.
-        missing: For each spring that the file does not have: its number among the springs, and the indices in p of its
-            C and d.
-        walls: For each wall: the index in p of its stiffness, the stiffness from which it is a stiff wall, N m/rad,
-            and the looseness and the stiffness at full torque of its joint's spring.
+        damping_indices: Index in p of each spring's damping.
+        inverse_inertia: 1/M + 1/(N² J) of each spring, the largest over poses, 1/(kg m²).
+        nominal_decay: The fastest decay with the robot file's own damping, 1/s.
+        added_springs: For each spring that the file does not have: its number among the springs, and the indices in p
+            of its C and d.
+        stiff_walls: For each wall: the index in p of its stiffness, the stiffness from which it is a stiff wall,
+            N m/rad, and the looseness and the stiffness at full torque of its joint's spring.
 
     """
 
@@ -73,14 +73,16 @@ class StableStep:
         rotors = [described[f"ratio_{j}"].nominal ** 2 * described[f"motor_inertia_{j}"].nominal for j in flexible]
         places = tuple(names.index(f"torsional_damping_{j}") for j in flexible)
         looseness = np.asarray(own + 1.0 / np.array(rotors))
+        springs = [traits.series_spring for traits in arm.effects.values() if traits.series_spring]
         missing = tuple(
-            (at, names.index(f"missing_compliance_{j}"), names.index(f"missing_damping_{j}"))
+            (at, names.index(f"{spring.compliance}_{j}"), names.index(f"{spring.damping}_{j}"))
             for at, j in enumerate(flexible)
-            if f"missing_compliance_{j}" in described
+            for spring in springs
+            if f"{spring.compliance}_{j}" in described
         )
-        walls = []
+        walls, known_walls = [], [wall for traits in arm.effects.values() for wall in traits.walls]
         for loose, stiffness, j in zip(looseness, loaded, flexible, strict=True):
-            for name in (f"contact_stiffness_above_{j}", f"contact_stiffness_below_{j}"):
+            for name in (f"{wall.stiffness}_{j}" for wall in known_walls):
                 if name in described:
                     walls.append(
                         (names.index(name), 0.5 * full[j - 1] / STIFF_WALL_DEPTH, float(loose), float(stiffness))

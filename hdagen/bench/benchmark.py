@@ -22,7 +22,8 @@ from hdagen.arm.build_loader import PlantError, find_build_folder
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.arm.preset_files import find_preset_files
 from hdagen.bench.host_computer import describe_machine
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.prediction.measurement_model import count_mechanical_states
 from hdagen.support.child_processes import start_child_process
 

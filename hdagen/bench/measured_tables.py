@@ -69,7 +69,7 @@ def _describe_machine(machine: Mapping[str, str]) -> str:
     return f"{machine['date']}, {machine['processors']} processors {machine['processor']}{load}; {compiler}{versions}."
 
 
-# -- README -----------------------------------------------------------------------------------------------------------
+# -- docs/method/accuracy.md ------------------------------------------------------------------------------------------
 
 
 def build_reached_table(found: SourceContents) -> str:
@@ -192,7 +192,7 @@ def _list_emps_rows(found: SourceContents) -> list[tuple[str, str, str, str]]:
     logs = found["identification"], found["pulses"]
     errors = [1e3 * log["errors"]["joint_position_1"] for log in logs]
     forces = [100 * log["force_error"][0] for log in logs]
-    link = "`hdagen replay`, [docs/examples/emps](docs/examples/emps/README.md)"
+    link = "`hdagen replay`, [EMPS](../examples/emps/README.md)"
     return [
         (
             "EMPS, a real machine: replay in windows of 0.25 s, identification and pulses",

@@ -100,6 +100,7 @@ DOCUMENT_TABLES: dict[str, Callable[[SourceContents], str]] = {
     "predictive": measured_tables.build_mpc_tables,
     "sense": measured_tables.build_sensing_table,
     "blind": lambda found: rates.render_table(found["blind"]),
+    "headline": lambda found: rates.render_headline_table(found["blind"]),
     **real_machine_tables.MACHINE_TABLES,
     "results": lambda found: f"\n{document_tables.render_tables(found['paper'])}\n\n",
 }

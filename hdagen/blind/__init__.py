@@ -4,7 +4,7 @@
 ``drivetrain`` and ``reality`` simulate them, ``motion`` draws their motion) and rigid ``joints`` (``joint_reality``
 simulates them, ``travel`` draws their motion). ``seal`` seals and verifies the labels, ``run`` diagnoses the cases,
 ``score`` scores the verdicts, ``blind_page`` shows the scores, ``calibrate`` fits and freezes a calibration.
-Nothing here reads the generated model or its equations; docs/blind.md describes the checks.
+Nothing here reads the generated model or its equations; docs/method/blind_check.md describes the checks.
 """
 
 KINDS = ("single", "background", "none", "unknown", "unknown+one", "pair", "task", "joint")

@@ -12,14 +12,14 @@ from hdagen.blind.confidence_intervals import finite_or_none
 from hdagen.blind.labels import FIGURE_LABELS, format_figure
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
 from hdagen.blind.required_rates import Bar
-from hdagen.blind.scores import (
-    Row,
+from hdagen.blind.score_summary import (
     accuracy_by_coverage,
     bin_by_confidence,
     closed_share,
     count_confusions,
     select_single,
 )
+from hdagen.blind.scores import Row
 from hdagen.pages import figure, page
 from hdagen.pages.number_table import TableCell
 from hdagen.support.version import __version__
@@ -266,7 +266,7 @@ def _parameters_section(report: Report) -> page.Section:
     columns = ("effect", "quantity", "unit", "cases", "error, median (%)", "largest (%)", "within 2 std (%)")
     text = (
         "True against found, of the effects that were named right. Reality has other formulas than the dictionary "
-        "(docs/blind.md), so that a shape has no exact counterpart; orders and times have."
+        "(docs/method/blind_check.md), so that a shape has no exact counterpart; orders and times have."
     )
     return page.Section(
         "Orders, time constants and shapes", text, [figure.draw_table("Parameters", columns, rows, digits=3)]
@@ -275,7 +275,7 @@ def _parameters_section(report: Report) -> page.Section:
 
 def _cases_section(report: Report) -> page.Section:
     columns = [*CASE_COLUMNS]
-    size = "in multiples of the typical one (docs/blind.md)"
+    size = "in multiples of the typical one (docs/method/blind_check.md)"
     rows = [_case_cells(row) for row in report.rows]
     brackets = ""
     if report.asked.kind == "joint":

@@ -14,7 +14,8 @@ from hdagen.blind.label_seal import Seal, hash_seed
 from hdagen.blind.parameter_errors import ComparisonLine, compare_parameters
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
 from hdagen.blind.required_rates import BARS, Bar
-from hdagen.blind.scores import Row, bin_by_confidence, count_confusions, select_single, summarize_rows
+from hdagen.blind.score_summary import bin_by_confidence, count_confusions, select_single, summarize_rows
+from hdagen.blind.scores import Row
 from hdagen.blind.sealed_check import Check
 from hdagen.support.version import __version__
 

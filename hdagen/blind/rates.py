@@ -24,7 +24,8 @@ from hdagen.blind.blind_page import KIND_TITLES
 from hdagen.blind.confidence_intervals import Figure, pool_means, pool_rates
 from hdagen.blind.labels import FIGURE_LABELS, format_figure
 from hdagen.blind.required_rates import BARS, Bar
-from hdagen.blind.scores import Row, summarize_rows
+from hdagen.blind.score_summary import summarize_rows
+from hdagen.blind.scores import Row
 from hdagen.diagnosis.decision import calibration
 from hdagen.diagnosis.decision.calibration import LARGEST_FILE_BYTES
 from hdagen.support.atomic_write import write_atomically
@@ -137,11 +138,35 @@ def _read_row(stated: Mapping[str, Any], kind: str) -> Row:
     return Row(**(values | {key: math.nan for key in NUMBER_FIELDS if values.get(key) is None}))
 
 
-def render_table(checks: Mapping[str, Any]) -> str:
+HEADLINE_RATES = (  # the rates of README: kind and figure
+    ("single", "effect"),
+    ("background", "effect"),
+    ("pair", "pair_f1"),
+    ("none", "false_alarm"),
+    ("unknown", "unknown_found_at_joint"),
+    ("background", "closed"),
+)
+
+
+def render_headline_table(checks: Mapping[str, Any]) -> str:
+    """Render the rates of README.
+
+    Args:
+        checks: a combined file, by kind.
+
+    Returns:
+        A Markdown table with a line for each of `HEADLINE_RATES`.
+
+    """
+    return render_table(checks, HEADLINE_RATES)
+
+
+def render_table(checks: Mapping[str, Any], chosen: Sequence[tuple[str, str]] | None = None) -> str:
     """Render the figures that have a bar.
 
     Args:
         checks: a combined file, by kind.
+        chosen: kind and figure of the bars to show; all if None.
 
     Returns:
         A Markdown table with a line for each bar of each kind, in the order of the bars.
@@ -152,6 +177,8 @@ def render_table(checks: Mapping[str, Any]) -> str:
         if kind not in checks:
             continue
         for bar in bars:
+            if chosen is not None and (kind, bar.figure) not in chosen:
+                continue
             found = _read_figure(checks[kind]["summary"].get(bar.figure))
             if found is not None:
                 outcome = "met" if bar.is_met_by(found) else "missed"

@@ -32,7 +32,7 @@ HDAGEN_COMMAND = (sys.executable, "-P", "-m", "hdagen")
 LONGEST_DIAGNOSIS = 600.0  # of a diagnosis
 _LARGEST_JSON = 10_000_000  # bytes of a JSON file
 _TRUE_FILE = "true.json"  # the truth, beside a case whose diagnosis has ended
-_SMALLEST_ERROR = 1e-3  # multiple of the noise; a smaller error counts as this, as in docs/replay.md
+_SMALLEST_ERROR = 1e-3  # multiple of the noise; a smaller error counts as this, as in docs/method/prediction.md
 
 
 class BlindError(Exception):

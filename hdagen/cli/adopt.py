@@ -17,7 +17,7 @@ ADOPT_EXAMPLE = """example:
   hdagen replay robot.new.toml log.parquet
   python -m gen build robot.new.toml
 
-exit codes: 0 done, 2 usage or configuration; docs/adopt.md says what is written and what is refused"""
+exit codes: 0 done, 2 usage or configuration; see docs/guides/take_the_result_home.md"""
 DONE = 0
 
 

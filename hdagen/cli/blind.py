@@ -19,7 +19,7 @@ BLIND_EXAMPLE = """example:
   hdagen blind --kind background --cases 200 --calibrate background.json
   hdagen blind --kind task --cases 24 --write made-here
 
-exit codes: 0 done, 1 a stated bar failed, 2 usage or configuration; docs/blind.md says what is simulated and scored"""
+exit codes: 0 done, 1 a stated bar failed, 2 usage or configuration; see docs/method/blind_check.md"""
 DONE, BAR_MISSED, USAGE = 0, 1, 2
 LEAST_SECONDS, MOST_SECONDS = 2.0, 120.0  # of a log: holds and pushes need room
 

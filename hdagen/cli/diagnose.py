@@ -36,7 +36,7 @@ DIAGNOSE_EXAMPLE = """example:
 writes diagnosis.json and report.html; `hdagen replay --with` and `hdagen adopt` take the former. With --fleet: a folder
 for each [[machine]] of fleet.toml, fleet.json and fleet.html.
 exit codes: 0 done, 2 usage or configuration, 3 data unusable, 5 a condition of --fail-above or --fail-on is met; then
-standard error says which. docs/diagnosis.md says how it decides"""
+standard error says which. docs/method/index.md says how it decides"""
 DONE, USAGE, UNUSABLE = 0, 2, 3
 THREADS_PER_DIAGNOSIS = 2  # that one diagnosis keeps busy
 

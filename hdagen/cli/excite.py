@@ -16,7 +16,7 @@ EXCITE_EXAMPLE = """example:
   hdagen excite robot.toml --separate stribeck_friction,presliding_friction --joint 1
   hdagen excite robot.toml --limits position_1=-0.5:0.5 speed=1.0 tip_y=0.05:0.4 --out reference.csv
 
-writes time and joint_position_reference_j; docs/excite.md says what is tried and what is predicted"""
+writes time and joint_position_reference_j; docs/guides/excite.md says what is tried and what is predicted"""
 PRINTED_PAIRS = 3  # pairs of a motion that are printed where all are looked at
 
 

@@ -36,7 +36,7 @@ def add_parser(commands: Any) -> None:
     p = commands.add_parser(
         "mpc",
         help="predictive control: compare, explain a run, list keys, check against the whole problem",
-        description="The predictive controller that keeps the admittance; see docs/mpc.md.",
+        description="The predictive controller that keeps the admittance; see docs/guides/mpc.md.",
         epilog=MPC_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -19,7 +19,7 @@ PAPER_EXAMPLE = """example:
   hdagen paper all
 
 writes SVG, PNG, JSON and logs, which `hdagen replay paper_prototype LOG` takes; all also writes index.html.
-docs/paper.md has what came out and why it differs"""
+docs/project/paper.md has what came out and why it differs"""
 DONE = 0
 CLAIM_MARKS = {True: "holds", False: "does not", None: ""}
 

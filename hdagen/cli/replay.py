@@ -22,7 +22,7 @@ REPLAY_EXAMPLE = """example:
   hdagen replay emps DATA_EMPS.mat --columns docs/examples/emps/columns.toml --out predicted.csv
   hdagen replay robot.toml log.parquet --with diagnosis-log/diagnosis.json --out after.parquet
 
-exit codes: 0 done, 2 usage or configuration, 3 data unusable; docs/replay.md says what is simulated and from where"""
+exit codes: 0 done, 2 usage or configuration, 3 data unusable; see docs/method/prediction.md"""
 DONE, USAGE, UNUSABLE = 0, 2, 3
 
 
@@ -198,22 +198,9 @@ def triage_log(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
         Warnings and refusals, in sentences.
 
     """
-    from hdagen.data_quality.log_triage import triage
+    from hdagen.data_quality.log_triage import triage_for_robot
 
-    joints = arm.robot["joints"]
-    resolutions = {
-        f"{side}_position_{j}": joint["sensor"][f"{side}_encoder_resolution"]
-        for j, joint in enumerate(joints, 1)
-        for side in ("motor", "joint")
-    }
-    seen = triage(
-        log,
-        [joint["drive"]["ratio"]["nominal"] for joint in joints],
-        {name: value for name, value in resolutions.items() if value},
-        [joint["drive"]["max_current"] for joint in joints],
-        [joint["limits"]["position"] for joint in joints],
-        [j for j, joint in enumerate(joints, 1) if joint["kind"] == "prismatic"],
-    )
+    seen = triage_for_robot(log, arm.robot)
     return list(seen.warnings), list(seen.refusals)
 
 

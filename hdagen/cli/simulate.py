@@ -38,7 +38,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     p.add_argument("--built", action="store_true", help="ROBOT is the folder of a build, whose compiled code is run")
     p.add_argument("--controller", choices=CONTROLLERS, default="impedance_cartesian")
-    p.add_argument("--config", default=None, metavar="controller.toml", help="of --controller mpc; see docs/mpc.md")
+    p.add_argument("--config", default=None, metavar="controller.toml", help="of --controller mpc: docs/guides/mpc.md")
     p.add_argument(
         "--gain",
         action="append",
@@ -96,7 +96,8 @@ def run(options: argparse.Namespace) -> int:
 
     from hdagen.arm.build_loader import PlantError
     from hdagen.arm.compiled_arm import Arm, load
-    from hdagen.control.guarded_controller import Controller, Guard, Safe
+    from hdagen.control.guard_limits import Guard, Safe
+    from hdagen.control.guarded_controller import Controller
     from hdagen.log.data_table import find_write_problems
     from hdagen.log.measured_log import write
     from hdagen.simulation.simulated_sensors import Sensors

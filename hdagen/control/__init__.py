@@ -7,11 +7,16 @@ from typing import TYPE_CHECKING
 from hdagen.support.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from hdagen.control.guarded_controller import Controller, Fault, Guard, Safe
+    from hdagen.control.guard_limits import Guard, Safe
+    from hdagen.control.guarded_controller import Controller, Fault
     from hdagen.control.reference_motion import Reference, circle
 
 __all__ = ["Controller", "Fault", "Guard", "Reference", "Safe", "circle"]
 __getattr__, __dir__ = lazy_names(
     __name__,
-    {"guarded_controller": ("Controller", "Fault", "Guard", "Safe"), "reference_motion": ("Reference", "circle")},
+    {
+        "guard_limits": ("Guard", "Safe"),
+        "guarded_controller": ("Controller", "Fault"),
+        "reference_motion": ("Reference", "circle"),
+    },
 )

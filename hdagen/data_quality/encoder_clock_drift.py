@@ -12,7 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdagen.log.channel_statistics import compute_channel_statistics, make_uniform_grid
+from hdagen.data_quality.log_profile import LogProfile
+from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
 
 _SURE_STANDARD_ERRORS = 6.0  # standard errors
@@ -21,26 +22,26 @@ _LEAST_NOISE_MULTIPLE = 2.0  # times the noise of the encoders, that a drift mus
 _LARGEST_DRIFT_RATE = 1e-2  # of a clock's rate; more is no drift of a clock
 
 
-def find_clock_drifts(log: Log, ratios: Sequence[float]) -> dict[int, float]:
+def find_clock_drifts(profile: LogProfile, ratios: Sequence[float]) -> dict[int, float]:
     """Find joints whose own encoder has a clock that runs slower, or faster, than the motor's.
 
     Args:
-        log: both positions of a joint, times in s.
+        profile: of the log.
         ratios: of the gears, a joint each.
 
     Returns:
         By joint, seconds that its reading gets later in a second; only drifts that are sure and exceed the noise.
 
     """
-    found = {}
+    log, found = profile.log, {}
     for joint, ratio in enumerate(ratios, 1):
         motor, link = f"motor_position_{joint}", f"joint_position_{joint}"
         if motor not in log or link not in log:
             continue
-        channels = compute_channel_statistics(motor, log[motor] / ratio), compute_channel_statistics(link, log[link])
+        channels = compute_channel_statistics(motor, log[motor] / ratio), profile.measure_channel(link)
         if not all(channel.is_moving for channel in channels):
             continue
-        rate, error, speed = _fit_delay_growth(log, log[motor] / ratio, log[link])
+        rate, error, speed = _fit_delay_growth(profile, log[motor] / ratio, link)
         noise = float(np.hypot(channels[0].noise, channels[1].noise))
         late = abs(rate) * float(np.ptp(log.time)) / 2
         if (
@@ -73,10 +74,10 @@ def correct_clock_drift(log: Log, joint: int, rate: float) -> Log:
     return replace(log, columns={**log.columns, **brought})
 
 
-def _fit_delay_growth(log: Log, motor: np.ndarray, link: np.ndarray) -> tuple[float, float, float]:
+def _fit_delay_growth(profile: LogProfile, motor: np.ndarray, link: str) -> tuple[float, float, float]:
     """Growth of the delay, its standard error, and the usual speed."""
-    grid = make_uniform_grid(log.time)
-    position, twist = grid.smooth(link), grid.smooth(motor - link)
+    grid = profile.grid
+    position, twist = profile.smooth_channel(link), grid.smooth(motor - profile.log[link])
     speed = grid.differentiate(position)
     slow = max(0.05 * float(np.quantile(np.abs(speed), 0.9)), 1e-12)
     terms = np.stack([speed, grid.differentiate(speed), np.tanh(speed / slow), position, np.ones_like(speed)], 1)

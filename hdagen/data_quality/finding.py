@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
+UNSTATED_CURRENT = 200.0  # A; above it, unless the robot file states such a drive, currents are in mA
+
 
 class Severity(Enum):
     """REFUSE: a diagnosis would be wrong. WARN: somebody should look at it. NOTE: good to know."""
@@ -69,3 +71,43 @@ class RobotFacts:
     max_currents: tuple[float | None, ...]
     position_limits: tuple[tuple[float, float] | None, ...]
     prismatic: tuple[bool, ...]
+
+    @classmethod
+    def from_robot(cls, robot: Mapping[str, Any]) -> RobotFacts:
+        """Collect the facts of a robot.
+
+        Args:
+            robot: as a build's manifest describes it (`Arm.robot`).
+
+        Returns:
+            The facts.
+
+        """
+        joints = robot["joints"]
+        resolutions = {
+            f"{side}_position_{j}": joint["sensor"][f"{side}_encoder_resolution"]
+            for j, joint in enumerate(joints, 1)
+            for side in ("motor", "joint")
+        }
+        return cls(
+            tuple(float(joint["drive"]["ratio"]["nominal"]) for joint in joints),
+            {name: value for name, value in resolutions.items() if value},
+            tuple(joint["drive"]["max_current"] for joint in joints),
+            tuple(joint["limits"]["position"] for joint in joints),
+            tuple(joint["kind"] == "prismatic" for joint in joints),
+        )
+
+
+def state_max_current(stated: float | None) -> str:
+    """State a drive's largest current in a sentence.
+
+    Args:
+        stated: in A, as the robot file has it.
+
+    Returns:
+        The words.
+
+    """
+    if stated:
+        return f"the robot file states at most {stated:g} A"
+    return "the robot file states no max_current"

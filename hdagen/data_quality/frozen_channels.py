@@ -6,9 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdagen.data_quality.finding import Finding, Severity
-from hdagen.data_quality.inputs import COMMAND_MEASUREMENT_PAIRS, INPUT_QUANTITIES
-from hdagen.data_quality.inputs_vs_motion import SmoothedMotion, measure_unexplained_input
+from hdagen.arm.compiled_arm import Arm
+from hdagen.data_quality.finding import Finding, RobotFacts, Severity
+from hdagen.data_quality.input_lags import COMMAND_MEASUREMENT_PAIRS, INPUT_QUANTITIES
+from hdagen.data_quality.inputs_vs_motion import find_swapped_inputs, measure_unexplained_input, smooth_sound_motion
+from hdagen.data_quality.log_profile import LogProfile
 from hdagen.log.channel_statistics import ChannelStatistics
 from hdagen.log.measured_log import Log
 from hdagen.support.row_runs import find_true_runs
@@ -30,18 +32,19 @@ _LEAST_ERROR_RATIO = 3.0  # times the fit's error, by which the motion must requ
 _LEAST_BOUND_SHARE = 0.05  # of the bound, by which it must do so, too
 
 
-def find_frozen_channels(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Finding]:
+def find_frozen_channels(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find encoders and inputs that stay at one value while their joint moves.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    findings = []
+    log, channels, findings = profile.log, profile.channels, []
     for joint in range(1, log.n_joints + 1):
         sides = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in channels]
         moving = [name for name in sides if channels[name].is_moving]
@@ -102,7 +105,7 @@ def _explain_undriven_joint(inputs: list[ChannelStatistics], joint: int) -> Find
     """A finding for a joint that moves while its input does not.
 
     It may be pulled along by the others, fall or coast; otherwise its input was not recorded, which the robot's model
-    decides (`against_model.driven`). A measurement has noise, so an input at one value was not measured.
+    decides (`inputs_vs_model.check_drives`). A measurement has noise, so an input at one value was not measured.
     """
     constant = [c for c in inputs if c.is_constant]
     channel = next((c for c in constant if "_command_" not in c.name), constant[0])
@@ -114,20 +117,21 @@ def _explain_undriven_joint(inputs: list[ChannelStatistics], joint: int) -> Find
     return Finding(Severity.REFUSE, "still", joint, sentence)
 
 
-def find_saturated_positions(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Finding]:
+def find_saturated_positions(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find positions that stand at an extreme and go on from it as fast as they came: the sensor's range has ended.
 
     A joint that sticks or strikes a stop has to be accelerated again, and is at rest before it moves off.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    findings = []
+    log, channels, findings = profile.log, profile.channels, []
     for joint in range(1, log.n_joints + 1):
         for name in (f"{side}_position_{joint}" for side in ("motor", "joint")):
             if name not in channels or not channels[name].is_moving:
@@ -143,19 +147,21 @@ def find_saturated_positions(log: Log, channels: Mapping[str, ChannelStatistics]
     return findings
 
 
-def find_saturated_inputs(log: Log, channels: Mapping[str, ChannelStatistics], moving: SmoothedMotion) -> list[Finding]:
+def find_saturated_inputs(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find inputs that stand at an extreme while the motion requires more: the recording is saturated, not the drive.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
-        moving: the smoothed motion of the log.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    findings = []
+    if find_swapped_inputs(profile, robot, model):
+        return []
+    log, channels, moving, findings = profile.log, profile.channels, smooth_sound_motion(profile, robot), []
     for one, joint in enumerate(moving.joints):
         for name in (f"{base}_{joint}" for base in INPUT_QUANTITIES):
             if name not in channels or channels[name].is_constant:
@@ -165,7 +171,7 @@ def find_saturated_inputs(log: Log, channels: Mapping[str, ChannelStatistics], m
                 held[start:stop] = True
             if not held.any():
                 continue
-            beyond = measure_unexplained_input(log, moving, one, name, held)
+            beyond = measure_unexplained_input(profile, moving, one, name, held)
             if beyond is None:
                 continue
             excess, error = beyond

@@ -3,57 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.data_quality.finding import Finding, RobotFacts, Severity
-from hdagen.log.channel_statistics import ChannelStatistics, fit_slope_and_correlation
-from hdagen.log.measured_log import Log, find_gaps
+from hdagen.arm.compiled_arm import Arm
+from hdagen.data_quality.finding import UNSTATED_CURRENT, Finding, RobotFacts, Severity, state_max_current
+from hdagen.data_quality.input_lags import COMMAND_MEASUREMENT_PAIRS, Lag
+from hdagen.data_quality.inputs_vs_motion import measure_delay_rows
+from hdagen.data_quality.log_profile import LogProfile
+from hdagen.log.measured_log import Log
 
-COMMAND_MEASUREMENT_PAIRS = (
-    ("motor_current_command", "motor_current"),
-    ("motor_torque_command", "motor_torque"),
-)  # commanded, measured
-INPUT_QUANTITIES = tuple(base for pair in COMMAND_MEASUREMENT_PAIRS for base in pair)
-_LONGEST_LAG = 0.1  # s, searched between command and measurement
-_EARLIEST_LAG_ROWS = -5  # rows, earliest lag that is searched
 _CLEAR_MISFIT_RATIO = (
     0.5  # of the misfit at the usual lag, that a lag before the command must leave at most to be a mistake
 )
 _LEAST_EARLY_ROWS = 3  # rows from which the motion decides whether command or measurement is logged in the wrong row
-UNSTATED_CURRENT = 200.0  # A; above it, unless the robot file states such a drive, currents are in mA
 
 
-def state_max_current(stated: float | None) -> str:
-    """State a drive's largest current in a sentence.
-
-    Args:
-        stated: in A, as the robot file has it.
-
-    Returns:
-        The words.
-
-    """
-    if stated:
-        return f"the robot file states at most {stated:g} A"
-    return "the robot file states no max_current"
-
-
-def check_current_sizes(channels: Mapping[str, ChannelStatistics], machine: RobotFacts) -> list[Finding]:
+def check_current_sizes(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Check currents against the drive's largest one: beyond it they are in mA, once misread rows are taken out.
 
     Args:
-        channels: statistics of each column, by name.
-        machine: facts of the robot.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    findings = []
-    for joint, stated in enumerate(machine.max_currents, start=1):
+    channels, findings = profile.channels, []
+    for joint, stated in enumerate(robot.max_currents, start=1):
         for name in (f"motor_current_command_{joint}", f"motor_current_{joint}"):
             if name not in channels:
                 continue
@@ -69,112 +48,25 @@ def check_current_sizes(channels: Mapping[str, ChannelStatistics], machine: Robo
     return findings
 
 
-@dataclass(frozen=True)
-class Lag:
-    """A measured input against its command: the lag that fits best, in ``rows`` and, more finely, in ``seconds``.
-
-    ``slope`` is measured over commanded there; ``misfit`` the share of variance that is not explained at that lag, and
-    ``usual_misfit`` that at a lag of one row, which a drive without delay has.
-    """
-
-    rows: int
-    seconds: float
-    slope: float
-    misfit: float
-    usual_misfit: float
-
-
-def estimate_lag(command: np.ndarray, measured: np.ndarray, period: float) -> Lag | None:
-    """Estimate the lag of a measured input behind its command.
-
-    Args:
-        command: commanded values (T,), NaN in missing rows.
-        measured: measured values (T,) in the same unit, NaN in missing rows.
-        period: of the rows, s.
-
-    Returns:
-        The lag; None where the two do not correlate or hardly vary.
-
-    """
-    latest = max(10, round(_LONGEST_LAG / period))
-    inner = command[-_EARLIEST_LAG_ROWS : len(command) - latest]
-    if len(command) < 4 * latest:
-        return None
-    lags = range(_EARLIEST_LAG_ROWS, latest + 1)
-    slopes, misfits = [], []
-    for rows in lags:
-        later = measured[rows - _EARLIEST_LAG_ROWS : rows - _EARLIEST_LAG_ROWS + len(inner)]
-        both = np.isfinite(inner) & np.isfinite(later)
-        pair = (inner, later) if both.all() else (inner[both], later[both])
-        if len(pair[0]) < latest or np.ptp(pair[0]) == 0 or np.ptp(pair[1]) == 0:
-            return None
-        slope, correlation = fit_slope_and_correlation(*pair)
-        slopes.append(slope)
-        misfits.append(max(0.0, 1 - correlation**2))
-    best = int(np.argmin(misfits))
-    if misfits[best] > 0.5:
-        return None
-    vertex = 0.0  # of the parabola through the best lag and its neighbours, in rows
-    if 0 < best < len(misfits) - 1:
-        left, middle, right = misfits[best - 1 : best + 2]
-        if left + right > 2 * middle:
-            vertex = 0.5 * (left - right) / (left - 2 * middle + right)
-    return Lag(lags[best], (lags[best] + vertex) * period, slopes[best], misfits[best], misfits[1 - _EARLIEST_LAG_ROWS])
-
-
-def estimate_lags(log: Log) -> dict[str, Lag]:
-    """Estimate the lag of each measured current or torque behind its command.
-
-    Args:
-        log: with times in s.
-
-    Returns:
-        Lags by the measured channel's name.
-
-    """
-    found = {}
-    for commanded, measured in COMMAND_MEASUREMENT_PAIRS:
-        for joint in range(1, log.n_joints + 1):
-            names = f"{commanded}_{joint}", f"{measured}_{joint}"
-            if all(name in log for name in names):
-                one = estimate_lag(*_fill_missing_rows(log, names), log.period)
-                if one is not None:
-                    found[names[1]] = one
-    return found
-
-
-def _fill_missing_rows(log: Log, names: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
-    """Columns with a NaN for each row that is missing; of a long gap only as many as the longest lag."""
-    rows, missing = find_gaps(log.time)
-    steps = np.ones(len(log), int)
-    steps[rows + 1] += np.minimum(missing, max(10, round(_LONGEST_LAG / log.period)) - _EARLIEST_LAG_ROWS)
-    place = np.cumsum(steps) - 1
-    spread = np.full((len(names), place[-1] + 1), np.nan)
-    spread[:, place] = [log[name] for name in names]
-    return spread[0], spread[1]
-
-
-def check_measured_inputs(
-    log: Log, found: Mapping[str, Lag], machine: RobotFacts, behind: Mapping[str, float]
-) -> list[Finding]:
+def check_measured_inputs(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Check the scale of each measured input against its command, and the row in which it shows it.
 
     Args:
-        log: to be checked.
-        found: the lags of its measured inputs, by name.
-        machine: facts of the robot.
-        behind: rows that the motion is behind each measured input, by name.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
+    log, found, behind = profile.log, profile.lags, measure_delay_rows(profile, robot)
     findings = []
     for commanded, measured in COMMAND_MEASUREMENT_PAIRS:
         for joint in range(1, log.n_joints + 1):
             command, name = f"{commanded}_{joint}", f"{measured}_{joint}"
             if name in found:
-                findings += _check_scale(found[name], command, name, machine.ratios[joint - 1], joint)
+                findings += _check_scale(found[name], command, name, robot.ratios[joint - 1], joint)
                 findings += _check_row_shift(log, found[name], command, name, joint, behind.get(name, math.nan))
     return findings
 

@@ -14,13 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.data_quality.finding import Finding, Severity, format_repair
-from hdagen.data_quality.inputs import INPUT_QUANTITIES
-from hdagen.data_quality.inputs_vs_motion import SmoothedMotion, smooth_motion
+from hdagen.data_quality.finding import Finding, RobotFacts, Severity, format_repair
+from hdagen.data_quality.input_lags import INPUT_QUANTITIES
+from hdagen.data_quality.log_profile import LogProfile, SmoothedMotion
 from hdagen.data_quality.rank_check import is_determined
 from hdagen.data_quality.relations import both_encoders_move
-from hdagen.log.channel_statistics import ChannelStatistics, compute_channel_statistics, make_uniform_grid
-from hdagen.log.measured_log import Log
+from hdagen.log.channel_statistics import ChannelStatistics
 
 _MOST_INERTIA_RATIO = (
     3.0  # ratio to the robot file's inertia that effects can explain: torque constant, payload, wrong mass
@@ -34,30 +33,29 @@ _BREAKAWAY_RATIO = 3.0  # multiples of its dry friction that move any joint
 _EXCHANGED_FIT_RATIO = 1.5  # ratio by which the torsion must fit better with the joints exchanged
 
 
-def check_inertia(log: Log, arm: Arm) -> list[Finding]:
+def check_inertia(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Finding]:
     """Check the inertia that each input implies: not several times larger or smaller than the robot file's.
 
     Args:
-        log: with a position of every joint.
-        arm: the robot file's model.
+        profile: of the log, with a position of every joint.
+        robot: its facts.
+        model: the robot file's.
 
     Returns:
         The findings.
 
     """
-    channels = {name: compute_channel_statistics(name, values) for name, values in log.columns.items()}
-    moving = smooth_motion(log, channels, _list_ratios(arm), list(range(1, arm.n + 1)))
-    torque = _joint_torque(log, arm, moving)
+    channels, moving, torque = profile.channels, _smooth_whole_motion(profile, model), _compute_torque(profile, model)
     findings = []
     for one, joint in enumerate(moving.joints):
-        ratio, rotor = arm.parameters[f"ratio_{joint}"], arm.parameters[f"motor_inertia_{joint}"]
+        ratio, rotor = model.parameters[f"ratio_{joint}"], model.parameters[f"motor_inertia_{joint}"]
         inertial = torque[:, joint - 1] / ratio + rotor * ratio * moving.acceleration[one]
         for name in (f"{base}_{joint}" for base in INPUT_QUANTITIES):
             if name not in channels or channels[name].is_constant:
                 continue
-            unit = _torque_per_input(arm, name, joint)
+            unit = _torque_per_input(model, name, joint)
             low, high = _bound_coefficient(
-                _stack_friction_terms(moving, one, inertial), unit * moving.sample_column(log, name)
+                _stack_friction_terms(moving, one, inertial), unit * profile.sample_channel(name)
             )
             if low > _MOST_INERTIA_RATIO or high < 1 / _MOST_INERTIA_RATIO:
                 times = math.copysign(math.sqrt(low * high), high)
@@ -65,29 +63,28 @@ def check_inertia(log: Log, arm: Arm) -> list[Finding]:
     return findings
 
 
-def check_drives(log: Log, arm: Arm) -> list[Finding]:
+def check_drives(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Finding]:
     """Check that inputs and encoders were read.
 
     A joint may move as only a drive can move it while its inputs stay at one value. Another one's encoders may stay at
     one value under an input that its friction could not hold.
 
     Args:
-        log: with a position of every joint.
-        arm: the robot file's model.
+        profile: of the log, with a position of every joint.
+        robot: its facts.
+        model: the robot file's.
 
     Returns:
         The findings.
 
     """
-    channels = {name: compute_channel_statistics(name, values) for name, values in log.columns.items()}
-    moving = smooth_motion(log, channels, _list_ratios(arm), list(range(1, arm.n + 1)))
-    torque = _joint_torque(log, arm, moving)
+    channels, moving, torque = profile.channels, _smooth_whole_motion(profile, model), _compute_torque(profile, model)
     findings = []
-    for joint in range(1, arm.n + 1):
+    for joint in range(1, model.n + 1):
         inputs = [name for base in INPUT_QUANTITIES if (name := f"{base}_{joint}") in channels]
         encoders = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in channels]
         if joint in moving.joints and inputs and all(channels[name].is_constant for name in inputs):
-            times = _compare_own_torque(log, arm, moving, joint, torque)
+            times = _compare_own_torque(profile, model, moving, joint, torque)
             if times > _DRIVEN_TORQUE_RATIO:
                 sentence = (
                     f"{inputs[0]} stays at {channels[inputs[0]].low:.5g} while joint {joint} moves as only its drive "
@@ -96,29 +93,32 @@ def check_drives(log: Log, arm: Arm) -> list[Finding]:
                 )
                 findings.append(Finding(Severity.REFUSE, "still", joint, sentence))
         elif encoders and all(channels[name].is_constant for name in encoders):
-            findings += _find_unread_encoder(log, arm, channels, joint, inputs, encoders[0], torque)
+            findings += _find_unread_encoder(profile, model, joint, inputs, encoders[0], torque)
     return findings
 
 
-def find_exchanged_joints(log: Log, arm: Arm) -> list[Finding]:
+def find_exchanged_joints(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Finding]:
     """Find pairs of joints whose torsions the model explains only once the two are exchanged.
 
     Args:
-        log: with a position of every joint.
-        arm: the robot file's model.
+        profile: of the log, with a position of every joint.
+        robot: its facts.
+        model: the robot file's.
 
     Returns:
         The findings.
 
     """
-    channels = {name: compute_channel_statistics(name, values) for name, values in log.columns.items()}
-    both = [j for j in arm.manifest["flexible"] if both_encoders_move(channels, j)]
+    moving, torque = _smooth_whole_motion(profile, model), _compute_torque(profile, model)
+    both = [j for j in model.manifest["flexible"] if both_encoders_move(profile.channels, j)]
     findings = []
-    own = _measure_torsion_residuals(log, arm, channels, both)
+    own = _measure_torsion_residuals(profile, model, moving, torque, {j: j for j in both})
     for i, j in ((i, j) for i in both for j in both if i < j):
-        if not math.isclose(*(arm.parameters[f"ratio_{k}"] for k in (i, j)), rel_tol=0.1):
+        if not math.isclose(*(model.parameters[f"ratio_{k}"] for k in (i, j)), rel_tol=0.1):
             continue  # another check has compared the ratios
-        other = _measure_torsion_residuals(_exchange_columns(log, i, j), arm, channels, [i, j])
+        exchanged = _exchange_motion(moving, i, j)
+        torque = _joint_torque(profile, model, exchanged)
+        other = _measure_torsion_residuals(profile, model, exchanged, torque, {i: j, j: i})
         better = math.sqrt(own[i] * own[j] / (other[i] * other[j]))
         if better > _EXCHANGED_FIT_RATIO:
             sentence = (
@@ -130,7 +130,10 @@ def find_exchanged_joints(log: Log, arm: Arm) -> list[Finding]:
     return findings
 
 
-def _compare_own_torque(log: Log, arm: Arm, moving: SmoothedMotion, joint: int, torque: np.ndarray) -> float:
+MODEL_CHECKS = ((check_drives, find_exchanged_joints), (check_inertia,))  # each group of a log that nothing refuses yet
+
+
+def _compare_own_torque(profile: LogProfile, arm: Arm, moving: SmoothedMotion, joint: int, torque: np.ndarray) -> float:
     """The torque that a joint's own acceleration takes, over that of its weight, the other joints and the tip force.
 
     It is at most 1 where nothing else moves the joint, as friction only brakes.
@@ -141,7 +144,7 @@ def _compare_own_torque(log: Log, arm: Arm, moving: SmoothedMotion, joint: int, 
     own[one] = moving.acceleration[one]
     rotor = p[f"motor_inertia_{joint}"] * ratio * moving.acceleration[one]
     weight, inertia = (
-        _joint_torque(log, arm, replace(moving, velocity=still, acceleration=a))[:, joint - 1] / ratio
+        _joint_torque(profile, arm, replace(moving, velocity=still, acceleration=a))[:, joint - 1] / ratio
         for a in (still, own)
     )
     inertia += rotor - weight
@@ -150,23 +153,16 @@ def _compare_own_torque(log: Log, arm: Arm, moving: SmoothedMotion, joint: int, 
 
 
 def _find_unread_encoder(
-    log: Log,
-    arm: Arm,
-    channels: Mapping[str, ChannelStatistics],
-    joint: int,
-    inputs: list[str],
-    encoder: str,
-    torque: np.ndarray,
+    profile: LogProfile, arm: Arm, joint: int, inputs: list[str], encoder: str, torque: np.ndarray
 ) -> list[Finding]:
     """A finding where the input pushes a joint at rest by far more than its friction in the robot file."""
+    log, channels = profile.log, profile.channels
     friction = arm.parameters[f"coulomb_friction_{joint}"]
     name = next((name for name in inputs if not channels[name].is_constant), None)
     if name is None or friction <= 0:
         return []
     unit = _torque_per_input(arm, name, joint)
-    carried = (
-        np.interp(log.time, make_uniform_grid(log.time).time, torque[:, joint - 1]) / arm.parameters[f"ratio_{joint}"]
-    )
+    carried = np.interp(log.time, profile.grid.time, torque[:, joint - 1]) / arm.parameters[f"ratio_{joint}"]
     pushed = float(np.quantile(np.abs(unit * log[name] - carried), 0.95)) / friction
     if pushed < _BREAKAWAY_RATIO:
         return []
@@ -194,8 +190,16 @@ def _explain_inertia(name: str, joint: int, found: float, channel: ChannelStatis
     return Finding(Severity.REFUSE, "inertia", joint, sentence)
 
 
-def _list_ratios(arm: Arm) -> tuple[float, ...]:
-    return tuple(arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1))
+def _smooth_whole_motion(profile: LogProfile, arm: Arm) -> SmoothedMotion:
+    """The motion of all joints that move."""
+    joints = range(1, arm.n + 1)
+    return profile.smooth_motion([arm.parameters[f"ratio_{j}"] for j in joints], joints)
+
+
+def _compute_torque(profile: LogProfile, arm: Arm) -> np.ndarray:
+    """The model's torque of the joints along the log's motion (K, n), N m at the joint, without friction."""
+    moving = _smooth_whole_motion(profile, arm)
+    return profile.compute_once(("model's torque", arm), lambda: _joint_torque(profile, arm, moving))
 
 
 def _torque_per_input(arm: Arm, name: str, joint: int) -> float:
@@ -206,8 +210,9 @@ def _torque_per_input(arm: Arm, name: str, joint: int) -> float:
     return 1.0
 
 
-def _joint_torque(log: Log, arm: Arm, moving: SmoothedMotion) -> np.ndarray:
-    """The model's torque of the joints along the motion (T, n), N m at the joint, without friction."""
+def _joint_torque(profile: LogProfile, arm: Arm, moving: SmoothedMotion) -> np.ndarray:
+    """The model's torque of the joints along a motion (K, n), N m at the joint, without friction."""
+    log = profile.log
     q, v, a = (np.zeros((len(moving.grid.time), arm.n)) for _ in range(3))
     for one, joint in enumerate(moving.joints):
         q[:, joint - 1], v[:, joint - 1] = moving.position[one], moving.velocity[one]
@@ -218,9 +223,11 @@ def _joint_torque(log: Log, arm: Arm, moving: SmoothedMotion) -> np.ndarray:
             q[:, j - 1] = np.mean(log[position])
         else:
             q[:, j - 1] = np.mean(log[f"motor_position_{j}"]) / ratio
-    zero = np.zeros(len(log))
-    force = [moving.grid.smooth(log.columns.get(name, zero)) for name in ("tip_force_x", "tip_force_y")]
-    return arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=np.stack(force, 1))["joint_torque"]
+    force = np.zeros((len(moving.grid.time), 2))
+    for k, name in enumerate(("tip_force_x", "tip_force_y")):
+        if name in log:
+            force[:, k] = profile.smooth_channel(name)
+    return arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=force)["joint_torque"]
 
 
 def _stack_friction_terms(moving: SmoothedMotion, one: int, *first: np.ndarray) -> np.ndarray:
@@ -250,18 +257,17 @@ def _bound_coefficient(terms: np.ndarray, values: np.ndarray) -> tuple[float, fl
 
 
 def _measure_torsion_residuals(
-    log: Log, arm: Arm, channels: Mapping[str, ChannelStatistics], joints: list[int]
+    profile: LogProfile, arm: Arm, moving: SmoothedMotion, torque: np.ndarray, logged_as: Mapping[int, int]
 ) -> dict[int, float]:
     """Root mean square residual of each joint's torsion, rad; NaN where the log is too short.
 
-    The fit has the model's torque, a stiffening spring, friction, a time skew and an eccentric encoder.
+    The fit has the model's torque, a stiffening spring, friction, a time skew and an eccentric encoder. ``logged_as``
+    has the joint whose columns are taken as those of each joint.
     """
-    moving = smooth_motion(log, channels, _list_ratios(arm), list(range(1, arm.n + 1)))
-    torque = _joint_torque(log, arm, moving)
-    found = {}
-    for joint in joints:
+    log, found = profile.log, {}
+    for joint, column in logged_as.items():
         one = moving.joints.index(joint)
-        twist = log[f"motor_position_{joint}"] / arm.parameters[f"ratio_{joint}"] - log[f"joint_position_{joint}"]
+        twist = log[f"motor_position_{column}"] / arm.parameters[f"ratio_{joint}"] - log[f"joint_position_{column}"]
         carried, angle = torque[:, joint - 1], moving.position[one]
         bend = np.arctan(carried / max(float(np.std(carried)), 1e-12))
         terms = _stack_friction_terms(moving, one, carried, bend, np.sin(angle), np.cos(angle))
@@ -275,11 +281,13 @@ def _measure_torsion_residuals(
     return found
 
 
-def _exchange_columns(log: Log, i: int, j: int) -> Log:
-    """The log with the columns of joints i and j exchanged."""
-    other = {str(i): str(j), str(j): str(i)}
-    columns = {}
-    for name, values in log.columns.items():
-        base, line, number = name.rpartition("_")
-        columns[f"{base}{line}{other.get(number, number)}"] = values
-    return replace(log, columns=columns, notes=())
+def _exchange_motion(moving: SmoothedMotion, i: int, j: int) -> SmoothedMotion:
+    """The motion as if the columns of joints i and j were exchanged."""
+    other = {i: j, j: i}
+    places = [moving.joints.index(other.get(joint, joint)) for joint in moving.joints]
+    return replace(
+        moving,
+        position=moving.position[places],
+        velocity=moving.velocity[places],
+        acceleration=moving.acceleration[places],
+    )

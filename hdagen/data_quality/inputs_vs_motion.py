@@ -7,16 +7,15 @@ the joint's own inertia has a positive share, and friction takes power.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.data_quality.finding import Finding, Severity
-from hdagen.data_quality.inputs import INPUT_QUANTITIES, Lag
+from hdagen.arm.compiled_arm import Arm
+from hdagen.data_quality.finding import Finding, RobotFacts, Severity
+from hdagen.data_quality.input_lags import INPUT_QUANTITIES
+from hdagen.data_quality.log_profile import LogProfile, SmoothedMotion
 from hdagen.data_quality.rank_check import is_determined
-from hdagen.log.channel_statistics import ChannelStatistics, UniformGrid, make_uniform_grid
-from hdagen.log.measured_log import Log
 
 # A sign is reversed where the inertia's share is this many standard deviations below zero and the power that friction
 # takes this share of the largest possible, very clear in the one or clear in both, and the fit explains the input.
@@ -27,79 +26,44 @@ _MOST_DELAY_ROWS = 12  # rows, searched between an input and the motion
 _LEAST_ROWS_AHEAD = 4  # rows that the motion must be ahead of its input to be reported
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothedMotion:
-    """The smoothed motion of a log on an even grid; joints that do not move are left out.
-
-    Position, velocity and acceleration are (n, T), in rad or m, and s.
-    """
-
-    grid: UniformGrid
-    joints: tuple[int, ...]
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-
-    def sample_column(self, log: Log, name: str) -> np.ndarray:
-        """Sample a column as the terms of the fits are: smoothed, with one row a window.
-
-        Args:
-            log: with the column.
-            name: of the column.
-
-        Returns:
-            Values (rows,) that are about independent.
-
-        """
-        return self.grid.smooth(log[name])[:: self.grid.window_rows]
-
-
-def smooth_motion(
-    log: Log, channels: Mapping[str, ChannelStatistics], ratios: tuple[float, ...], sound: list[int]
-) -> SmoothedMotion:
-    """Smooth the motion of joints, from the joint's encoder or, without one, the motor's.
+def smooth_sound_motion(profile: LogProfile, robot: RobotFacts) -> SmoothedMotion:
+    """Smooth the motion of the joints whose encoders nothing speaks against.
 
     Args:
-        log: with times in s.
-        channels: statistics of its columns, by name.
-        ratios: of the gears, one a joint.
-        sound: numbers of the joints that count.
+        profile: of the log.
+        robot: its facts.
 
     Returns:
         The motion.
 
     """
-    grid = make_uniform_grid(log.time)
-    used, positions = [], []
-    for joint in sound:
-        for name, scale in ((f"joint_position_{joint}", 1.0), (f"motor_position_{joint}", 1 / ratios[joint - 1])):
-            if name in channels and channels[name].is_moving:
-                used.append(joint)
-                positions.append(scale * grid.smooth(log[name]))
-                break
-    velocities = [grid.differentiate(position) for position in positions]
-    accelerations = [grid.differentiate(velocity) for velocity in velocities]
-    return SmoothedMotion(grid, tuple(used), np.array(positions), np.array(velocities), np.array(accelerations))
+    return profile.smooth_motion(robot.ratios, profile.list_sound_joints("wrapped", "jump", "swapped", "degrees"))
 
 
-def find_swapped_inputs(log: Log, channels: Mapping[str, ChannelStatistics], moving: SmoothedMotion) -> list[Finding]:
+def find_swapped_inputs(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find pairs of joints whose current or torque is explained by the other one's motion, and not by their own.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
-        moving: its smoothed motion.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
+    moving = smooth_sound_motion(profile, robot)
+    return profile.compute_once(("swapped inputs", moving.joints), lambda: _find_swapped_pairs(profile, moving))
+
+
+def _find_swapped_pairs(profile: LogProfile, moving: SmoothedMotion) -> list[Finding]:
+    channels = profile.channels
     findings: list[Finding] = []
     for base in INPUT_QUANTITIES:
         driven = [j for j in moving.joints if f"{base}_{j}" in channels and not channels[f"{base}_{j}"].is_constant]
         left = {}  # share of the input of i that the motion of j does not explain
         for i in driven:
-            values = moving.sample_column(log, f"{base}_{i}")
+            values = profile.sample_channel(f"{base}_{i}")
             for j in driven:
                 one = moving.joints.index(j)
                 terms = _stack_motion_terms(moving, one, [one])
@@ -118,29 +82,28 @@ def find_swapped_inputs(log: Log, channels: Mapping[str, ChannelStatistics], mov
     return findings
 
 
-def find_reversed_inputs(
-    log: Log, channels: Mapping[str, ChannelStatistics], moving: SmoothedMotion, lags: Mapping[str, Lag]
-) -> list[Finding]:
+def find_reversed_inputs(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find reversed inputs: they accelerate their joint backwards and gain power from friction.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
-        moving: its smoothed motion.
-        lags: of measured inputs behind their commands, by name.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    findings = []
+    if find_swapped_inputs(profile, robot, model):
+        return []
+    channels, moving, findings = profile.channels, smooth_sound_motion(profile, robot), []
     for one, joint in enumerate(moving.joints):
         terms = _stack_motion_terms(moving, one, list(range(len(moving.joints))))
         for base in INPUT_QUANTITIES:
             name = f"{base}_{joint}"
             if name not in channels or channels[name].is_constant or not is_determined(terms):
                 continue
-            fit = _fit_terms(terms, moving.sample_column(log, name))
+            fit = _fit_terms(terms, profile.sample_channel(name))
             inertia, power = fit.standardized(one), _measure_friction_power(fit, terms, moving, one)
             says = (
                 f"{name} pushes against the motion (the inertia it sees is {-inertia:.0f} standard deviations below "
@@ -156,7 +119,7 @@ def find_reversed_inputs(
                 sentence = f"{says}: a reversed sign, or a hand that moved the arm? If it is the sign, {repair}."
                 findings.append(Finding(Severity.WARN, "reversed", joint, sentence))
     refused = {finding.joint for finding in findings if finding.severity is Severity.REFUSE}
-    for name, lag in lags.items():
+    for name, lag in profile.lags.items():
         joint = int(name.rpartition("_")[2])
         if lag.slope < 0 and joint not in refused:
             sentence = (
@@ -167,21 +130,25 @@ def find_reversed_inputs(
     return findings
 
 
-def measure_delay_rows(log: Log, channels: Mapping[str, ChannelStatistics], moving: SmoothedMotion) -> dict[str, float]:
+def measure_delay_rows(profile: LogProfile, robot: RobotFacts) -> dict[str, float]:
     """Measure how many rows the motion is behind each input: the shift at which the fit explains the input best.
 
     It is about 0 for a measured input, and the drive's delay more for a command, within about two rows.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
-        moving: its smoothed motion.
+        profile: of the log.
+        robot: its facts.
 
     Returns:
         Rows by the input's name; inputs that the fit does not explain are left out.
 
     """
-    found = {}
+    moving = smooth_sound_motion(profile, robot)
+    return profile.compute_once(("delay rows", moving.joints), lambda: _fit_delay_rows(profile, moving))
+
+
+def _fit_delay_rows(profile: LogProfile, moving: SmoothedMotion) -> dict[str, float]:
+    channels, found = profile.channels, {}
     for one, joint in enumerate(moving.joints):
         rows = np.arange(0, len(moving.grid.time), moving.grid.window_rows)
         kept = (rows >= _MOST_DELAY_ROWS) & (rows < len(moving.grid.time) - _MOST_DELAY_ROWS)
@@ -189,7 +156,7 @@ def measure_delay_rows(log: Log, channels: Mapping[str, ChannelStatistics], movi
         for name in (f"{base}_{joint}" for base in INPUT_QUANTITIES):
             if name not in channels or channels[name].is_constant or not is_determined(terms):
                 continue
-            smooth = moving.grid.smooth(log[name])
+            smooth = profile.smooth_channel(name)
             misfits = [
                 1 - _fit_terms(terms, smooth[rows[kept] - shift]).explained
                 for shift in range(-_MOST_DELAY_ROWS, _MOST_DELAY_ROWS + 1)
@@ -200,40 +167,41 @@ def measure_delay_rows(log: Log, channels: Mapping[str, ChannelStatistics], movi
     return found
 
 
-def find_input_skews(found: Mapping[str, float], period: float) -> list[Finding]:
+def find_input_skews(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find inputs that lag the motion on every joint: their clock and that of the positions differ.
 
     One joint alone may have a wall or a spring that looks alike.
 
     Args:
-        found: rows that the motion is behind each input, by name, as `measure_delay_rows` measures them.
-        period: of the rows, s.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    findings = []
+    found, findings = measure_delay_rows(profile, robot), []
     for base in INPUT_QUANTITIES:
         rows = {name: value for name, value in found.items() if name.rpartition("_")[0] == base}
         if rows and max(rows.values()) <= -_LEAST_ROWS_AHEAD:
             shift = round(sum(rows.values()) / len(rows))
             sentence = (
-                f"the motion is {-1e3 * shift * period:.2g} ms ahead of {', '.join(rows)}, which cannot be: inputs and "
-                f"positions are not of the same instant; if that is the log, set shift_rows = {shift} under each in "
-                "columns.toml."
+                f"the motion is {-1e3 * shift * profile.period:.2g} ms ahead of {', '.join(rows)}, which cannot be: "
+                f"inputs and positions are not of the same instant; if that is the log, set shift_rows = {shift} under "
+                "each in columns.toml."
             )
             findings.append(Finding(Severity.NOTE, "skew", 0, sentence))
     return findings
 
 
 def measure_unexplained_input(
-    log: Log, moving: SmoothedMotion, one: int, name: str, held: np.ndarray
+    profile: LogProfile, moving: SmoothedMotion, one: int, name: str, held: np.ndarray
 ) -> tuple[float, float] | None:
     """Measure how much more than an input's reading the motion requires in some rows.
 
     Args:
-        log: to be checked.
+        profile: of the log.
         moving: its smoothed motion.
         one: place of the joint in the motion.
         name: of the input.
@@ -246,7 +214,7 @@ def measure_unexplained_input(
     """
     terms = _stack_motion_terms(moving, one, list(range(len(moving.joints))))
     share = moving.grid.smooth(held.astype(float))[:: moving.grid.window_rows]
-    values = moving.sample_column(log, name)
+    values = profile.sample_channel(name)
     inside, outside = share > 0.99, share < 0.01
     if np.count_nonzero(inside) < 3 or not is_determined(terms[outside]):
         return None

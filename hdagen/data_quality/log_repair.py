@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.data_quality import encoder_clock_drift, inputs_vs_model
-from hdagen.data_quality.finding import Finding, Severity, format_repair
-from hdagen.data_quality.log_triage import Triage, triage_for_robot
+from hdagen.data_quality import encoder_clock_drift
+from hdagen.data_quality.finding import Finding, RobotFacts, Severity, format_repair
+from hdagen.data_quality.inputs_vs_model import MODEL_CHECKS
+from hdagen.data_quality.log_profile import LogProfile
+from hdagen.data_quality.log_triage import Triage, examine_log
 from hdagen.data_quality.outliers import find_outliers
 from hdagen.data_quality.shared_motion import POSITION_CHANNELS
 from hdagen.log import column_map_file
@@ -73,26 +75,27 @@ def repair_log(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
 
     """
     log, repairs = _drop_missing_values(log)
-    log, misread_ = _drop_outliers(log, arm)
-    repairs += misread_
-    problems = _check_joints(log, arm)
+    profile, outliers = _drop_outliers(LogProfile(log), arm)
+    repairs += outliers
+    problems = _check_joints(profile.log, arm)
     if problems:
         raise LogError(problems)
+    robot = RobotFacts.from_robot(arm.robot)
     for _ in range(_MOST_REPAIR_ROUNDS):
-        seen = triage_for_robot(log, arm.robot)
-        findings = _find_suspicions(log, arm, seen)
+        seen = examine_log(profile, robot)
+        findings = _find_suspicions(profile, robot, arm, seen)
         mended = _choose_mendable(findings)
         if not mended:
             break
-        log = _apply_repairs(log, mended)
+        profile = LogProfile(_apply_repairs(profile.log, mended))
         repairs += _describe_repairs(mended)
     else:
-        seen = triage_for_robot(log, arm.robot)
+        seen = examine_log(profile, robot)
     problems = [f"{log.source}: {f.sentence}" for f in findings if f.severity is Severity.REFUSE]
-    problems += _find_too_little_content(log, seen)
+    problems += _find_too_little_content(profile.log, seen)
     if problems:
         raise LogError(list(dict.fromkeys(problems)))
-    log, drifting = _put_on_one_clock(log, arm)
+    log, drifting = _put_on_one_clock(profile, arm)
     repairs += drifting + _note_dropped_rows(log)
     notes = (*log.notes, *(one.sentence for one in repairs))
     return replace(log, notes=tuple(dict.fromkeys(notes))), repairs, seen
@@ -112,20 +115,21 @@ def repair_for_replay(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
         The repaired log and the repairs.
 
     """
-    repairs: list[Repair] = []
+    profile, repairs = LogProfile(log), list[Repair]()
     if any("_velocity_" in name for name in log.columns):
-        found = [finding for finding in triage_for_robot(log, arm.robot).findings if finding.name == _CONTRADICTED]
+        findings = examine_log(profile, RobotFacts.from_robot(arm.robot)).findings
+        found = [finding for finding in findings if finding.name == _CONTRADICTED]
         if found:
-            log, repairs = _apply_repairs(log, found), _describe_repairs(found)
-    log, drifting = _put_on_one_clock(log, arm)
+            profile, repairs = LogProfile(_apply_repairs(log, found)), _describe_repairs(found)
+    log, drifting = _put_on_one_clock(profile, arm)
     return log, repairs + drifting
 
 
-def _put_on_one_clock(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+def _put_on_one_clock(profile: LogProfile, arm: Arm) -> tuple[Log, list[Repair]]:
     """Bring the readings of a joint's own encoder to its motor's clock, where the two clocks drift apart."""
-    repairs = []
+    log, repairs = profile.log, []
     ratios = [joint["drive"]["ratio"]["nominal"] for joint in arm.robot["joints"]]
-    for joint, rate in encoder_clock_drift.find_clock_drifts(log, ratios).items():
+    for joint, rate in encoder_clock_drift.find_clock_drifts(profile, ratios).items():
         log = encoder_clock_drift.correct_clock_drift(log, joint, rate)
         over, ever = 1e3 * abs(rate) * float(np.ptp(log.time)), "ever earlier"
         if rate > 0:
@@ -170,15 +174,15 @@ def _check_joints(log: Log, arm: Arm) -> list[str]:
     return problems
 
 
-def _find_suspicions(log: Log, arm: Arm, seen: Triage) -> list[Finding]:
+def _find_suspicions(profile: LogProfile, robot: RobotFacts, arm: Arm, seen: Triage) -> list[Finding]:
     """The findings of triage; where none of them refuses the log, those of the robot's model too."""
     findings = list(seen.findings)
-    if any(f.severity is Severity.REFUSE for f in findings):
-        return findings
-    findings += inputs_vs_model.check_drives(log, arm) + inputs_vs_model.find_exchanged_joints(log, arm)
-    if any(f.severity is Severity.REFUSE for f in findings):
-        return findings
-    return findings + inputs_vs_model.check_inertia(log, arm)
+    for checks in MODEL_CHECKS:
+        if any(f.severity is Severity.REFUSE for f in findings):
+            break
+        for check in checks:
+            findings += check(profile, robot, arm)
+    return findings
 
 
 def _choose_mendable(findings: list[Finding]) -> list[Finding]:
@@ -244,19 +248,20 @@ def _drop_missing_values(log: Log) -> tuple[Log, list[Repair]]:
     return log.select_rows(~bad), repairs
 
 
-def _drop_outliers(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
-    """The log without the rows that were misread, which are as good as rows without a value."""
-    found = list(find_outliers(log, [joint["drive"]["max_current"] for joint in arm.robot["joints"]]))
+def _drop_outliers(profile: LogProfile, arm: Arm) -> tuple[LogProfile, list[Repair]]:
+    """The profile of the log without the rows that were misread, which are as good as rows without a value."""
+    found = list(find_outliers(profile, [joint["drive"]["max_current"] for joint in arm.robot["joints"]]))
     bad = np.any([one.rows for one in found], axis=0)
     if not found:
-        return log, []
+        return profile, []
+    log = profile.log
     if np.mean(bad) > _MOST_LOST_ROW_SHARE:
         raise LogError(
             [f"{log.source}: {one.sentence}: too many; record each channel at the rate it is read at." for one in found]
         )
     taken = "these rows are taken out; look at what the logger wrote there."
     repairs = [Repair(one.name, one.joint, f"{one.sentence}: {taken}") for one in found]
-    return log.select_rows(~bad), repairs
+    return LogProfile(log.select_rows(~bad)), repairs
 
 
 def _find_too_little_content(log: Log, seen: Triage) -> list[str]:

@@ -2,29 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hdagen.data_quality import frozen_channels, inputs, inputs_vs_motion, positions
-from hdagen.data_quality import ripple_lines as lines
+from hdagen.arm.compiled_arm import Arm
+from hdagen.data_quality import frozen_channels, inputs, inputs_vs_motion, positions, ripple_lines, sampling
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity
-from hdagen.log.channel_statistics import ChannelStatistics, compute_channel_statistics
-from hdagen.log.column_map import split_column_name
-from hdagen.log.measured_log import Log, find_gaps
+from hdagen.data_quality.log_profile import LogProfile
+from hdagen.log.channel_statistics import ChannelStatistics
+from hdagen.log.measured_log import Log
 
-__all__ = ["Finding", "Severity", "Triage", "triage", "triage_for_robot"]
+__all__ = ["CHECKS", "Finding", "Severity", "Triage", "examine_log", "triage", "triage_for_robot"]
 
-_DROPPED_SHARE_LIMITS = 0.005, 0.2  # share of missing rows above which a log is warned of, and is refused
-_WARNED_GAP_TIME = 0.25  # s, the length of a window of the replay
-_SHORT_LOG_TIME = 1.0  # s, below which a log is warned of
-_SLOW_SAMPLE_RATE = 200.0  # Hz; joint resonances lie at 15 to 140 Hz
-_MISSING_CHANNEL_COSTS = (  # the cost of a channel that a joint does not have
-    ("motor_position", "in a flexible joint, torsion, backlash and kinematic error cannot be told apart"),
-    ("joint_position", "what bends or errs behind the motor is seen only through the motor"),
-    ("joint_position_reference", "the loop cannot be closed in a replay"),
+Check = Callable[[LogProfile, RobotFacts, Arm | None], list[Finding]]
+
+# One mistake spoils the search for others, so each check leaves out the joints that those before it found wrong.
+CHECKS: tuple[Check, ...] = (
+    sampling.check_sampling,
+    sampling.check_channels,
+    positions.find_jumps,
+    positions.find_lost_rows,
+    frozen_channels.find_frozen_channels,
+    frozen_channels.find_saturated_positions,
+    positions.check_spans,
+    positions.check_resolutions,
+    inputs.check_current_sizes,
+    positions.find_swapped_encoders,
+    positions.compare_encoders,
+    positions.check_velocities,
+    positions.check_references,
+    inputs.check_measured_inputs,
+    inputs_vs_motion.find_input_skews,
+    inputs_vs_motion.find_reversed_inputs,
+    frozen_channels.find_saturated_inputs,
+    positions.find_encoder_skews,
+    ripple_lines.find_ripple_lines,
+    inputs_vs_motion.find_swapped_inputs,  # last: encoders are right where only inputs are swapped
 )
 
 
@@ -153,33 +169,46 @@ def triage(
         none if position_limits is None else tuple(position_limits),
         tuple(joint in prismatic for joint in range(1, n + 1)),
     )
-    if not len(machine.ratios) == len(machine.max_currents) == len(machine.position_limits) == n:
+    return examine_log(LogProfile(log), machine)
+
+
+def examine_log(profile: LogProfile, robot: RobotFacts) -> Triage:
+    """Examine a log by its profile.
+
+    Args:
+        profile: of the log.
+        robot: its facts, one entry a joint of the log.
+
+    Returns:
+        The log in numbers, with the findings.
+
+    Raises:
+        ValueError: The robot has another number of joints.
+
+    """
+    log, n = profile.log, profile.log.n_joints
+    if not len(robot.ratios) == len(robot.max_currents) == len(robot.position_limits) == n:
         raise ValueError(f"the log has {n} joints; ratios, max_currents and position_limits must be as many")
-    channels = {name: compute_channel_statistics(name, values) for name, values in log.columns.items()}
-    steps = np.diff(log.time)
-    gap_rows, missing = find_gaps(log.time)
-    lags = inputs.estimate_lags(log)
-    findings = (
-        _check_sampling(log, steps, gap_rows, missing)
-        + _check_channels(log, channels)
-        + _find_mistakes(log, channels, machine, lags)
-    )
+    gap_rows, missing = profile.gaps
+    checked = profile
+    for check in CHECKS:
+        checked = checked.with_findings(check(checked, robot, None))
     order, jitter = list(Severity), 0.0
-    if len(steps) > len(gap_rows):
+    if len(log) - 1 > len(gap_rows):
         jitter = float(np.std(np.delete(np.diff(log.logged_time), gap_rows)))
     return Triage(
         source=log.source,
         rows=len(log),
         duration=float(log.time[-1] - log.time[0]),
-        rate=1 / log.period,
+        rate=1 / profile.period,
         jitter=jitter,
         is_even=log.stamps is not None,
         time_uncertainty=log.time_uncertainty,
         dropped=int(missing.sum()),
         gaps=len(gap_rows),
-        channels=tuple(channels.values()),
-        lags={name: one.seconds for name, one in lags.items()},
-        findings=tuple(sorted(findings, key=lambda finding: (order.index(finding.severity), finding.joint))),
+        channels=tuple(profile.channels.values()),
+        lags={name: one.seconds for name, one in profile.lags.items()},
+        findings=tuple(sorted(checked.findings, key=lambda finding: (order.index(finding.severity), finding.joint))),
         notes=log.notes,
     )
 
@@ -195,127 +224,4 @@ def triage_for_robot(log: Log, robot: Mapping[str, Any]) -> Triage:
         The log in numbers, with the findings, as `triage` gives it.
 
     """
-    joints = robot["joints"]
-    resolutions = {
-        f"{side}_position_{j}": joint["sensor"][f"{side}_encoder_resolution"]
-        for j, joint in enumerate(joints, 1)
-        for side in ("motor", "joint")
-    }
-    return triage(
-        log,
-        [joint["drive"]["ratio"]["nominal"] for joint in joints],
-        {name: value for name, value in resolutions.items() if value},
-        [joint["drive"]["max_current"] for joint in joints],
-        [joint["limits"]["position"] for joint in joints],
-        [j for j, joint in enumerate(joints, 1) if joint["kind"] == "prismatic"],
-    )
-
-
-def _find_mistakes(
-    log: Log, channels: Mapping[str, ChannelStatistics], machine: RobotFacts, lags: Mapping[str, inputs.Lag]
-) -> list[Finding]:
-    """Find mistakes. One spoils the search for others: a channel found wrong is left out of later comparisons."""
-    findings = positions.find_jumps(log, channels) + positions.find_lost_rows(log, channels)
-    findings += frozen_channels.find_frozen_channels(log, channels) + frozen_channels.find_saturated_positions(
-        log, channels
-    )
-    sound = _find_sound_joints(log, findings)
-    findings += positions.check_spans(channels, machine, sound) + positions.check_resolutions(channels, machine)
-    findings += inputs.check_current_sizes(channels, machine)
-    findings += positions.find_swapped_encoders(log, channels, sound)
-    for joint in _find_sound_joints(log, findings, ("wrapped", "jump", "swapped")):
-        findings += positions.compare_encoders(log, channels, machine, joint)
-        findings += positions.check_velocities(log, channels, machine, joint) + positions.check_reference(
-            log, channels, joint
-        )
-    moving = inputs_vs_motion.smooth_motion(
-        log, channels, machine.ratios, _find_sound_joints(log, findings, ("wrapped", "jump", "swapped", "degrees"))
-    )
-    behind = inputs_vs_motion.measure_delay_rows(log, channels, moving)
-    findings += inputs.check_measured_inputs(log, lags, machine, behind) + inputs_vs_motion.find_input_skews(
-        behind, log.period
-    )
-    swapped = inputs_vs_motion.find_swapped_inputs(log, channels, moving)
-    if not swapped:
-        findings += inputs_vs_motion.find_reversed_inputs(
-            log, channels, moving, lags
-        ) + frozen_channels.find_saturated_inputs(log, channels, moving)
-    sound = _find_sound_joints(
-        log, findings, ("wrapped", "jump", "swapped", "degrees", "reversed", "joint_scale", "units")
-    )
-    return (
-        findings
-        + swapped
-        + positions.find_encoder_skews(log, channels, machine, sound)
-        + lines.find_ripple_lines(log, channels, machine, sound)
-    )
-
-
-def _find_sound_joints(log: Log, findings: list[Finding], names: tuple[str, ...] = ("wrapped", "jump")) -> list[int]:
-    """The joints without a finding of ``names`` that refuses the log."""
-    spoilt = {finding.joint for finding in findings if finding.severity is Severity.REFUSE and finding.name in names}
-    return [joint for joint in range(1, log.n_joints + 1) if joint not in spoilt]
-
-
-def _check_sampling(log: Log, steps: np.ndarray, rows: np.ndarray, missing: np.ndarray) -> list[Finding]:
-    """Dropped rows, long gaps, and a log too short or too slow."""
-    findings = []
-    duration, lost = float(log.time[-1] - log.time[0]), int(missing.sum())
-    share = lost / (len(log) + lost)
-    if lost:
-        k = int(rows[np.argmax(missing)])
-        says = (
-            f"{lost} row(s) are missing in {len(rows)} gap(s), {100 * share:.2g} % of the log, the longest of "
-            f"{steps[k]:.3g} s after row {k + 1} ({log.time[k]:.6g} s)"
-        )
-        if share > _DROPPED_SHARE_LIMITS[1]:
-            sentence = f"{says}: too many; record with a logger that keeps up, or at a lower rate."
-            findings.append(Finding(Severity.REFUSE, "dropped", 0, sentence))
-        elif steps[k] > _WARNED_GAP_TIME:
-            sentence = f"{says}: nothing is known in between; cut the log there if it matters."
-            findings.append(Finding(Severity.WARN, "dropped", 0, sentence))
-        elif share > _DROPPED_SHARE_LIMITS[0]:
-            findings.append(Finding(Severity.WARN, "dropped", 0, f"{says}: commands are held across them."))
-    if duration < _SHORT_LOG_TIME:
-        sentence = f"the log lasts {duration:.3g} s; a diagnosis needs several seconds of motion: record longer."
-        findings.append(Finding(Severity.WARN, "short", 0, sentence))
-    if 1 / log.period < _SLOW_SAMPLE_RATE:
-        rate = f"{1 / log.period:.4g} Hz"
-        sentence = f"{rate} is slow for joints that ring at 15 to 140 Hz: record at 500 Hz or more if possible."
-        findings.append(Finding(Severity.NOTE, "slow", 0, sentence))
-    return findings
-
-
-def _check_channels(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Finding]:
-    """Channels that are missing, constant or saturated, with the cost of each."""
-    findings = []
-    for joint in range(1, log.n_joints + 1):
-        for base, cost in _MISSING_CHANNEL_COSTS:
-            if f"{base}_{joint}" not in channels:
-                findings.append(Finding(Severity.NOTE, "missing", joint, f"{base}_{joint} is not logged: {cost}."))
-        for commanded, measured in inputs.COMMAND_MEASUREMENT_PAIRS:
-            command, name = f"{commanded}_{joint}", f"{measured}_{joint}"
-            absent = [one for one in (command, name) if one not in channels]
-            if len(absent) == 1:
-                sentence = f"{absent[0]} is not logged: delay, lag and saturation of the drive cannot be seen."
-                findings.append(Finding(Severity.NOTE, "missing", joint, sentence))
-    for name, channel in channels.items():
-        _, joint = split_column_name(name) or (name, 0)
-        if "_position_" in name and "reference" not in name and not channel.is_moving:
-            sentence = (
-                f"{name} stays between {channel.low:.5g} and {channel.high:.5g}: the joint was not moved, so nothing "
-            )
-            findings.append(
-                Finding(Severity.WARN, "still", joint, sentence + "is learned about it; record a log that moves it.")
-            )
-        elif channel.is_constant and not name.startswith("tip_force"):
-            findings.append(
-                Finding(Severity.NOTE, "constant", joint, f"{name} stays at {channel.low:.5g}: it says nothing.")
-            )
-        if channel.saturated_share > 0.002 and name.rpartition("_")[0] in inputs.INPUT_QUANTITIES:
-            sentence = (
-                f"{name} sits at {channel.low:.4g} or {channel.high:.4g} in {100 * channel.saturated_share:.2g} % of"
-                " the rows: saturated; record with less acceleration if that was not meant."
-            )
-            findings.append(Finding(Severity.WARN, "saturated", joint, sentence))
-    return findings
+    return examine_log(LogProfile(log), RobotFacts.from_robot(robot))

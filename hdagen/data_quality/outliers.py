@@ -10,9 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from hdagen.data_quality.inputs import COMMAND_MEASUREMENT_PAIRS, INPUT_QUANTITIES, UNSTATED_CURRENT, state_max_current
-from hdagen.log.channel_statistics import ChannelStatistics, compute_channel_statistics
-from hdagen.log.measured_log import Log, find_gaps
+from hdagen.data_quality.finding import UNSTATED_CURRENT, state_max_current
+from hdagen.data_quality.input_lags import COMMAND_MEASUREMENT_PAIRS, INPUT_QUANTITIES
+from hdagen.data_quality.log_profile import LogProfile
+from hdagen.log.channel_statistics import ChannelStatistics
+from hdagen.log.measured_log import Log
 from hdagen.support.row_runs import find_true_runs
 
 _USUAL_ROWS_SHARE = 0.99  # share of the rows whose largest current is the usual largest one
@@ -46,24 +48,24 @@ class Outlier:
     sentence: str
 
 
-def find_outliers(log: Log, max_currents: Sequence[float | None]) -> Iterator[Outlier]:
+def find_outliers(profile: LogProfile, max_currents: Sequence[float | None]) -> Iterator[Outlier]:
     """Find the rows of a log that were misread.
 
     Args:
-        log: with finite values.
+        profile: of the log.
         max_currents: of each joint, A; None where the robot file states none.
 
     Yields:
         Rows of one channel, or of every channel, as joint 0.
 
     """
-    gap, stale = mark_rows_after_gaps(log.time), dict[str, np.ndarray]()
+    log, gap, stale = profile.log, profile.rows_after_gaps, dict[str, np.ndarray]()
     for joint, stated in enumerate(max_currents, 1):
         for name in (f"{base}_{joint}" for base in INPUT_QUANTITIES if "current" in base and f"{base}_{joint}" in log):
             if (found := _find_spikes(log, name, joint, stated)) is not None:
                 yield found
         sides = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in log]
-        places = [PositionTrack.measure(compute_channel_statistics(name, log[name]), log[name], gap) for name in sides]
+        places = [PositionTrack.measure(profile.measure_channel(name), log[name], gap) for name in sides]
         others: list[PositionTrack | None] = [None] * len(places)
         if len(places) > 1:
             others = [*places[::-1]]
@@ -76,7 +78,7 @@ def find_outliers(log: Log, max_currents: Sequence[float | None]) -> Iterator[Ou
             (f"{commanded}_{joint}", f"{measured}_{joint}") for commanded, measured in COMMAND_MEASUREMENT_PAIRS
         ):
             if name in log and command in log:
-                stale[name] = _find_held_rows(log, command, name)
+                stale[name] = _find_held_rows(profile, command, name)
     again = np.all([np.diff(values, prepend=np.nan) == 0.0 for values in log.columns.values()], axis=0)
     if np.any([rows & again for rows in stale.values()]):
         yield Outlier("stale", 0, again, _describe_repeats(log, "every channel", again))
@@ -84,21 +86,6 @@ def find_outliers(log: Log, max_currents: Sequence[float | None]) -> Iterator[Ou
     for name, rows in stale.items():
         if rows.any():
             yield Outlier("stale", int(name.rpartition("_")[2]), rows, _describe_repeats(log, name, rows))
-
-
-def mark_rows_after_gaps(time: np.ndarray) -> np.ndarray:
-    """Mark the rows that come after a gap.
-
-    Args:
-        time: of the rows (T,), s.
-
-    Returns:
-        A mask (T,).
-
-    """
-    rows = np.zeros(len(time), bool)
-    rows[find_gaps(time)[0] + 1] = True
-    return rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,12 +176,13 @@ def _find_repeated_readings(place: PositionTrack, other: PositionTrack | None) -
     return stale
 
 
-def _find_held_rows(log: Log, command: str, name: str) -> np.ndarray:
+def _find_held_rows(profile: LogProfile, command: str, name: str) -> np.ndarray:
     """Rows (T,) in which a measured input stays at one value, not at an extreme, while its command goes elsewhere."""
+    log = profile.log
     values, asked, rows = log[name], log[command], np.zeros(len(log), bool)
     least = max(
         _LEAST_COMMAND_CHANGE[0] * float(np.ptp(asked)),
-        _LEAST_COMMAND_CHANGE[1] * compute_channel_statistics(name, values).noise,
+        _LEAST_COMMAND_CHANGE[1] * profile.measure_channel(name).noise,
     )
     inner = (values > values.min()) & (values < values.max())
     repeats = np.append(False, np.diff(values) == 0.0) & inner

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
+from hdagen.arm.compiled_arm import Arm
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity, format_repair
-from hdagen.data_quality.outliers import PositionTrack, find_wrap_period, mark_rows_after_gaps
+from hdagen.data_quality.log_profile import LogProfile
+from hdagen.data_quality.outliers import PositionTrack, find_wrap_period
 from hdagen.data_quality.rank_check import is_determined
 from hdagen.data_quality.relations import (
     DEGREES_PER_RADIAN,
@@ -17,34 +18,35 @@ from hdagen.data_quality.relations import (
     compare_signals,
     explain_slopes,
 )
-from hdagen.log.channel_statistics import ChannelStatistics, fit_slope_and_correlation, make_uniform_grid
+from hdagen.log.channel_statistics import fit_slope_and_correlation
 from hdagen.log.column_map import split_column_name
-from hdagen.log.measured_log import Log, find_gaps
 
 _LOST_ROW_RATIOS = 1.7, 3.3  # times the usual move of a row where one or two rows before it were lost
 _LEAST_LOST_SHARE = 0.003  # least share of the moving rows, from which rows were lost
 _FOLLOWING_CORRELATION = 0.95  # correlation from which a position follows a reference
+SPOILT_ENCODERS = ("wrapped", "jump", "swapped")  # findings after which a joint's encoders say nothing of each other
+SPOILT_MOTION = (*SPOILT_ENCODERS, "degrees", "reversed", "joint_scale", "units")  # nor of small differences
 _LARGEST_SPAN = 25.0  # rad; a joint that spans more turns like a wheel, or is logged in degrees
 
 
-def find_jumps(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Finding]:
+def find_jumps(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find positions that leap in one row and stay there: a wrapped encoder, or one that was set anew.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    findings = []
-    gap = mark_rows_after_gaps(log.time)
-    for name, channel in channels.items():
+    log, findings = profile.log, []
+    for name, channel in profile.channels.items():
         base, joint = split_column_name(name) or ("", 0)
         if base not in ("motor_position", "joint_position") or not channel.is_moving or len(log) < 10:
             continue
-        place = PositionTrack.measure(channel, log[name], gap)
+        place = PositionTrack.measure(channel, log[name], profile.rows_after_gaps)
         if not len(place.leap_rows):
             continue
         rows, jumps = place.leap_rows - 1, place.deviation[1:]
@@ -70,23 +72,24 @@ def find_jumps(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Find
     return findings
 
 
-def find_lost_rows(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[Finding]:
+def find_lost_rows(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find rows that were lost before they were numbered.
 
     All moving positions go two or three times as far there as in the rows around, while time runs on evenly.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    ratios = []
+    log, ratios = profile.log, []
     whole = np.ones(len(log) - 1, bool)
-    whole[find_gaps(log.time)[0]] = False
-    for name, channel in channels.items():
+    whole[profile.gaps[0]] = False
+    for name, channel in profile.channels.items():
         base = (split_column_name(name) or ("", 0))[0]
         if base not in ("motor_position", "joint_position") or not channel.is_moving or len(log) < 100:
             continue
@@ -116,20 +119,20 @@ def find_lost_rows(log: Log, channels: Mapping[str, ChannelStatistics]) -> list[
     return [Finding(Severity.REFUSE, "dropped", 0, sentence)]
 
 
-def check_spans(channels: Mapping[str, ChannelStatistics], machine: RobotFacts, sound: list[int]) -> list[Finding]:
+def check_spans(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Check that joints span no more than a joint can; otherwise they are in degrees.
 
     Args:
-        channels: statistics of the log's columns, by name.
-        machine: facts of the robot.
-        sound: numbers of the joints that count.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    findings = []
-    for joint, (prismatic, limits) in enumerate(zip(machine.prismatic, machine.position_limits, strict=True), start=1):
+    channels, sound, findings = profile.channels, profile.list_sound_joints("wrapped", "jump"), []
+    for joint, (prismatic, limits) in enumerate(zip(robot.prismatic, robot.position_limits, strict=True), start=1):
         name = f"joint_position_{joint}"
         if joint not in sound or name not in channels or prismatic:
             continue
@@ -159,19 +162,20 @@ def check_spans(channels: Mapping[str, ChannelStatistics], machine: RobotFacts, 
     return findings
 
 
-def check_resolutions(channels: Mapping[str, ChannelStatistics], machine: RobotFacts) -> list[Finding]:
+def check_resolutions(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Check the encoders' steps against the resolution that the robot file states.
 
     Args:
-        channels: statistics of the log's columns, by name.
-        machine: facts of the robot.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    findings = []
-    for name, stated in machine.resolutions.items():
+    channels, findings = profile.channels, []
+    for name, stated in robot.resolutions.items():
         if name not in channels or not channels[name].step or not stated:
             continue
         seen, joint = channels[name].step, int(name.rpartition("_")[2])
@@ -186,26 +190,28 @@ def check_resolutions(channels: Mapping[str, ChannelStatistics], machine: RobotF
     return findings
 
 
-def compare_encoders(
-    log: Log, channels: Mapping[str, ChannelStatistics], machine: RobotFacts, joint: int
-) -> list[Finding]:
-    """Compare the motor's position with the joint's: another slope than the ratio shows the mistake.
+def compare_encoders(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
+    """Compare the motors' positions with the joints': another slope than the ratio shows the mistake.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
-        machine: facts of the robot.
-        joint: its number, from 1.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
+    joints = profile.list_sound_joints(*SPOILT_ENCODERS)
+    return [finding for joint in joints for finding in _compare_encoders_of(profile, robot, joint)]
+
+
+def _compare_encoders_of(profile: LogProfile, robot: RobotFacts, joint: int) -> list[Finding]:
     motor, link = f"motor_position_{joint}", f"joint_position_{joint}"
-    if not both_encoders_move(channels, joint):
+    if not both_encoders_move(profile.channels, joint):
         return []
-    ratio = machine.ratios[joint - 1]
-    slope, correlation = fit_slope_and_correlation(log[link], log[motor])
+    ratio = robot.ratios[joint - 1]
+    slope, correlation = fit_slope_and_correlation(profile.log[link], profile.log[motor])
     if abs(correlation) < 0.95:
         sentence = (
             f"{motor} and {link} hardly move together (correlation {correlation:.2f}): one of them belongs to another "
@@ -214,7 +220,7 @@ def compare_encoders(
         return [Finding(Severity.REFUSE, "unrelated", joint, sentence)]
     if abs(slope / ratio - 1) < 0.1:
         return []
-    for expected, name, mistake, repair in explain_slopes(ratio, motor, link, machine.prismatic[joint - 1]):
+    for expected, name, mistake, repair in explain_slopes(ratio, motor, link, robot.prismatic[joint - 1]):
         if abs(slope / expected - 1) < 0.05:
             says = f"{motor} moves {slope:.4g} times as far as {link}, ratio {ratio:g}: {mistake}"
             does = format_repair(repair) or f"sign = -1 under [{motor}] or [{link}]"
@@ -226,53 +232,63 @@ def compare_encoders(
     return [Finding(Severity.REFUSE, "ratio", joint, sentence)]
 
 
-def check_velocities(
-    log: Log, channels: Mapping[str, ChannelStatistics], machine: RobotFacts, joint: int
-) -> list[Finding]:
+def check_velocities(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Check logged velocities against the derivative of the position of the same side.
 
+    A velocity that contradicts its position is left out, or scaled where the factor is that of a unit.
+
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
-        machine: facts of the robot.
-        joint: its number, from 1.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
-        Findings; a velocity that contradicts its position is left out, or scaled where the factor is that of a unit.
+        The findings.
 
     """
+    joints = profile.list_sound_joints(*SPOILT_ENCODERS)
+    return [finding for joint in joints for finding in _check_velocities_of(profile, robot.ratios[joint - 1], joint)]
+
+
+def _check_velocities_of(profile: LogProfile, ratio: float, joint: int) -> list[Finding]:
+    channels = profile.channels
     findings: list[Finding] = []
     for side in ("motor", "joint"):
         position, velocity = f"{side}_position_{joint}", f"{side}_velocity_{joint}"
         if position not in channels or velocity not in channels or not channels[position].is_moving:
             continue
-        grid = make_uniform_grid(log.time)
-        rate, logged = grid.differentiate(grid.smooth(log[position])), grid.smooth(log[velocity])
+        rate = profile.grid.differentiate(profile.smooth_channel(position))
+        logged = profile.smooth_channel(velocity)
         if np.std(logged) > 0:
             same = compare_signals(rate, logged, velocity, position, "/s", joint)
             refused = [finding for finding in same if finding.severity is Severity.REFUSE]
-            ratio = machine.ratios[joint - 1]
             findings += refused or check_derivative(
                 fit_slope_and_correlation(rate, logged), velocity, position, ratio, joint
             )
     return findings
 
 
-def check_reference(log: Log, channels: Mapping[str, ChannelStatistics], joint: int) -> list[Finding]:
-    """Check the reference against the joint's position.
+def check_references(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
+    """Check the references against the joints' positions.
 
     A weak drive does not reach its reference, which is no mistake: only another joint that follows it is worth a
     warning.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
-        joint: its number, from 1.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
+    joints = profile.list_sound_joints(*SPOILT_ENCODERS)
+    return [finding for joint in joints for finding in _check_reference_of(profile, joint)]
+
+
+def _check_reference_of(profile: LogProfile, joint: int) -> list[Finding]:
+    log, channels = profile.log, profile.channels
     position, reference = f"joint_position_{joint}", f"joint_position_reference_{joint}"
     if position not in channels or reference not in channels or not channels[position].is_moving:
         return []
@@ -298,19 +314,20 @@ def check_reference(log: Log, channels: Mapping[str, ChannelStatistics], joint: 
     return [*noted, *(f for f in findings if f.severity is not Severity.WARN)]
 
 
-def find_swapped_encoders(log: Log, channels: Mapping[str, ChannelStatistics], sound: list[int]) -> list[Finding]:
+def find_swapped_encoders(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find pairs of joints whose motor encoders follow each other's joint encoders.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
-        sound: numbers of the joints that count.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
         The findings.
 
     """
-    joints = [joint for joint in sound if both_encoders_move(channels, joint)]
+    log, sound = profile.log, profile.list_sound_joints("wrapped", "jump")
+    joints = [joint for joint in sound if both_encoders_move(profile.channels, joint)]
     follows = {
         (i, j): abs(fit_slope_and_correlation(log[f"joint_position_{j}"], log[f"motor_position_{i}"])[1])
         for i in joints
@@ -327,33 +344,30 @@ def find_swapped_encoders(log: Log, channels: Mapping[str, ChannelStatistics], s
     return findings
 
 
-def find_encoder_skews(
-    log: Log, channels: Mapping[str, ChannelStatistics], machine: RobotFacts, joints: list[int]
-) -> list[Finding]:
+def find_encoder_skews(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Measure how much later the joint's encoder reads than the motor's, by the part of their difference that is
     proportional to speed.
 
     A skew is no mistake by itself: the diagnosis has it among its candidates.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
-        machine: facts of the robot.
-        joints: numbers of the joints that count.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
-        A finding for each joint with a skew of more than a row.
+        The findings.
 
     """
-    found = {}
+    log, grid, found = profile.log, profile.grid, {}
+    joints = profile.list_sound_joints(*SPOILT_MOTION)
     for joint in joints:
         motor, link = f"motor_position_{joint}", f"joint_position_{joint}"
-        if not both_encoders_move(channels, joint):
+        if not both_encoders_move(profile.channels, joint):
             continue
-        grid = make_uniform_grid(log.time)
-        position = grid.smooth(log[link])
+        position = profile.smooth_channel(link)
         speed = grid.differentiate(position)
-        twist = grid.smooth(log[motor] / machine.ratios[joint - 1] - log[link])
+        twist = grid.smooth(log[motor] / robot.ratios[joint - 1] - log[link])
         slow = max(0.05 * float(np.quantile(np.abs(speed), 0.9)), 1e-12)
         terms = [speed, grid.differentiate(speed), np.tanh(speed / slow), position, np.ones_like(speed)]
         matrix = np.stack(terms, 1)[:: grid.window_rows]
@@ -364,7 +378,7 @@ def find_encoder_skews(
             np.linalg.lstsq(matrix, twist[:: grid.window_rows], rcond=1e-9)[0][0]
             / np.abs(speed[:: grid.window_rows]).max()
         )
-        if abs(delay) > log.period:
+        if abs(delay) > profile.period:
             found[joint] = float(delay)
     delays, why = list(found.values()), "a late encoder, or a joint that bends so"
     if len(found) == len(joints) > 1 and np.ptp(delays) < 0.2 * abs(np.mean(delays)):

@@ -8,13 +8,13 @@ Legend: k cycles a turn of the motor; θ its angle.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 
+from hdagen.arm.compiled_arm import Arm
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity
+from hdagen.data_quality.log_profile import LogProfile
+from hdagen.data_quality.positions import SPOILT_MOTION
 from hdagen.data_quality.rank_check import LEAST_ROWS_PER_TERM
-from hdagen.log.channel_statistics import ChannelStatistics
 from hdagen.log.measured_log import Log
 from hdagen.support.row_runs import find_true_runs
 
@@ -33,27 +33,24 @@ _MOST_GAP_PERIODS = 3.5  # longest pause without a row, in periods, within a str
 _STEADY_SPEED_SPREAD = 0.1  # spread of the speed, relative, below which a line of time looks the same
 
 
-def find_ripple_lines(
-    log: Log, channels: Mapping[str, ChannelStatistics], machine: RobotFacts, joints: Sequence[int]
-) -> list[Finding]:
+def find_ripple_lines(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find lines of the measured inputs over the motor's angle.
 
     Args:
-        log: to be checked.
-        channels: statistics of its columns, by name.
-        machine: facts of the robot.
-        joints: numbers of the joints that are checked.
+        profile: of the log.
+        robot: its facts.
+        model: the robot file's, where there is one.
 
     Returns:
-        A finding for each input that has lines.
+        The findings.
 
     """
-    findings = []
-    for joint in joints:
+    log, channels, findings = profile.log, profile.channels, []
+    for joint in profile.list_sound_joints(*SPOILT_MOTION):
         name = next((n for n in (f"motor_current_{joint}", f"motor_torque_{joint}") if n in channels), None)
         if name is None or channels[name].is_constant:
             continue
-        angle = _read_motor_angle(log, channels, machine, joint)
+        angle = _read_motor_angle(profile, robot, joint)
         if angle is None:
             continue
         found = _measure_lines(log, log[name], angle)
@@ -77,13 +74,12 @@ def find_ripple_lines(
     return findings
 
 
-def _read_motor_angle(
-    log: Log, channels: Mapping[str, ChannelStatistics], machine: RobotFacts, joint: int
-) -> np.ndarray | None:
+def _read_motor_angle(profile: LogProfile, robot: RobotFacts, joint: int) -> np.ndarray | None:
     """θ (T,), smoothed; None where no position moves, or the joint slides."""
-    for name, ratio in ((f"motor_position_{joint}", 1.0), (f"joint_position_{joint}", machine.ratios[joint - 1])):
-        reach = max(round(0.5 * _SMOOTHING_SECONDS / log.period), 1)
-        if name in channels and channels[name].is_moving and not machine.prismatic[joint - 1] and len(log) > 2 * reach:
+    log, channels = profile.log, profile.channels
+    for name, ratio in ((f"motor_position_{joint}", 1.0), (f"joint_position_{joint}", robot.ratios[joint - 1])):
+        reach = max(round(0.5 * _SMOOTHING_SECONDS / profile.period), 1)
+        if name in channels and channels[name].is_moving and not robot.prismatic[joint - 1] and len(log) > 2 * reach:
             return ratio * _fit_parabolas(log[name], reach)
     return None
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle
 from hdagen.demo.shipped_logs import ReplayedLog, find_data_folder, replay_emps_log, replay_shipped_log
 from hdagen.simulation.simulator import Push, Simulation, run, simulate_ideal_admittance

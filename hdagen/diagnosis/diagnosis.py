@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hdagen.diagnosis.report import report_page
 from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
+from hdagen.diagnosis.report.diagnosis_summary import DiagnosisSummary
 from hdagen.diagnosis.report.repeat_commands import format_commands
 from hdagen.support.atomic_write import write_atomically
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(DiagnosisSummary):
     """A finished diagnosis of logs of one machine.
 
     Attributes:
@@ -35,22 +35,6 @@ class Diagnosis:
     def content(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
         return self.result.content
-
-    @property
-    def verdict(self) -> tuple[str, ...]:
-        """The effects that the model lacks, effect@joint; `unknown@joint` where no known effect explains the error."""
-        return tuple(self.content["verdict"])
-
-    @property
-    def sure(self) -> bool:
-        """Whether the verdict is sure: everything else together holds at most a tenth of the probability."""
-        return bool(self.content["sure"])
-
-    @property
-    def gap(self) -> Mapping[str, Any]:
-        """The gap on held-out motion before and after the verdict, in multiples of the noise."""
-        gap: Mapping[str, Any] = self.content["gap"]
-        return gap
 
     @property
     def failures(self) -> tuple[str, ...]:

@@ -24,10 +24,11 @@ from hdagen.control.reference_motion import Reference
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.inference.candidate_priors import SILENT_SPIKE_WIDTH, CandidateSet, Column
-from hdagen.diagnosis.inference.linear_gaussian import LinearModel
+from hdagen.diagnosis.inference.linear_model import LinearModel
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.marginal_likelihood import compute_posteriors, score_candidate_sets
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, compute_sensitivities
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import InitialGuess, guess_from_log
 from hdagen.excitation.least_motion import (

@@ -12,7 +12,8 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import compute_torque_per_input
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference
 from hdagen.excitation.motion_limits import MotionLimits
 from hdagen.excitation.motion_shapes import MotionShape

@@ -87,7 +87,7 @@ def read_fleet(path: Path) -> tuple[FleetMachine, ...]:
 
     """
     try:
-        content = read_toml(path, _MOST_FLEET_BYTES, "give a fleet.toml as docs/diagnosis.md describes it")
+        content = read_toml(path, _MOST_FLEET_BYTES, "give a fleet.toml as docs/guides/fleet.md describes it")
     except InputFileError as error:
         raise PlantError(error) from None
     place = show_path(path)

@@ -1,4 +1,4 @@
-"""Logs: read from CSV, Parquet and MATLAB files, mapped to the columns of docs/log.md, checked, written."""
+"""Logs: read from CSV, Parquet and MATLAB files, mapped to the columns of bring_your_log.md, checked, written."""
 
 from __future__ import annotations
 

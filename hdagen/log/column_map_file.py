@@ -40,7 +40,7 @@ def read_column_map(path: Path | str) -> ColumnMap:
     """
     path = Path(path)
     try:
-        tables = read_toml(path, _MOST_COLUMN_MAP_BYTES, "give a columns.toml as docs/log.md describes it")
+        tables = read_toml(path, _MOST_COLUMN_MAP_BYTES, "see docs/guides/bring_your_log.md for columns.toml")
     except InputFileError as error:
         raise ColumnsError([str(error)]) from None
     if len(tables) > _MOST_TABLES:

@@ -95,20 +95,12 @@ def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
             wanted = check_columns(path, schema.names, keep)
             check_cells(path, file.metadata.num_rows, len(wanted))
             _check_unpacked(path, file.metadata, set(wanted))
-            problems: list[str] = []
-            for name in wanted:
-                kind = schema.field(name).type
-                if not (is_number_type(kind) or pa.types.is_timestamp(kind) or pa.types.is_duration(kind)):
-                    problems.append(
-                        f"{path}: column {name} holds {kind}, not numbers; possible are integers, floating point, "
-                        "booleans and time stamps: convert it, or leave the column out."
-                    )
-            if problems:
+            if problems := find_type_problems(path, schema, wanted):
                 raise LogError(problems)
             notes: list[str] = []
             columns = {}
             for name in wanted:
-                columns[name] = _convert_to_float(name, file.read(columns=[name]).column(0), notes)
+                columns[name] = convert_to_float(name, file.read(columns=[name]).column(0), notes)
     except MemoryError:
         raise LogError([f"{path}: there is not enough memory to read it; {_SMALLER_LOG_ADVICE}."]) from None
     except (pa.ArrowException, OSError, ValueError) as error:
@@ -137,8 +129,43 @@ def is_number_type(kind: Any) -> bool:
     return types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)
 
 
-def _convert_to_float(name: str, column: Any, notes: list[str]) -> np.ndarray:
-    """An Arrow column as float64; time stamps become seconds from the first one."""
+def find_type_problems(source: Path | str, schema: Any, wanted: Sequence[str]) -> list[str]:
+    """Find columns that hold no numbers.
+
+    Args:
+        source: The origin of the table, for sentences.
+        schema: The Arrow schema.
+        wanted: The names of the columns that are read.
+
+    Returns:
+        One sentence for each column that is not numeric.
+
+    """
+    import pyarrow as pa
+
+    problems = []
+    for name in wanted:
+        kind = schema.field(name).type
+        if not (is_number_type(kind) or pa.types.is_timestamp(kind) or pa.types.is_duration(kind)):
+            problems.append(
+                f"{source}: column {name} holds {kind}, not numbers; possible are integers, floating point, "
+                "booleans and time stamps: convert it, or leave the column out."
+            )
+    return problems
+
+
+def convert_to_float(name: str, column: Any, notes: list[str]) -> np.ndarray:
+    """Convert an Arrow column to float64; time stamps become seconds from the first one.
+
+    Args:
+        name: The column's name, for the note.
+        column: The column.
+        notes: Receives a sentence where time stamps are converted.
+
+    Returns:
+        (T,), NaN where a value is missing.
+
+    """
     import pyarrow as pa
 
     if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
@@ -152,7 +179,7 @@ def _convert_to_float(name: str, column: Any, notes: list[str]) -> np.ndarray:
     return np.ascontiguousarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
 
 
-def check_columns(path: Path, names: Sequence[str], keep: Callable[[str], bool]) -> list[str]:
+def check_columns(path: Path | str, names: Sequence[str], keep: Callable[[str], bool]) -> list[str]:
     """Choose the columns of a file that are read.
 
     Args:
@@ -187,7 +214,7 @@ def check_columns(path: Path, names: Sequence[str], keep: Callable[[str], bool])
     return wanted
 
 
-def check_cells(path: Path, rows: int, columns: int) -> None:
+def check_cells(path: Path | str, rows: int, columns: int) -> None:
     """Refuse a file with more cells than a log may have, before any is read.
 
     Args:
@@ -293,6 +320,22 @@ def write_table(table: Mapping[str, np.ndarray], path: Path | str) -> None:
         raise LogError(
             [f"{path}: cannot be written ({why}); nothing was left half-written: make room or choose another place."]
         ) from None
+
+
+def stream_columns(columns: Mapping[str, Any], requested_schema: object) -> object:
+    """Give columns out by Arrow's C interface.
+
+    Args:
+        columns: (T,) each, by name.
+        requested_schema: The schema that the receiver asks for, if any.
+
+    Returns:
+        The capsule of a stream.
+
+    """
+    import pyarrow as pa
+
+    return pa.table(dict(columns)).__arrow_c_stream__(requested_schema)
 
 
 def _write_arrow_table(arrow: Any, suffix: str, file: BinaryIO) -> None:

@@ -1,4 +1,4 @@
-"""A measured or simulated log: samples row by row, checked, in SI, under the names of docs/log.md."""
+"""A measured or simulated log: samples row by row, checked, in SI, under the names of docs/guides/bring_your_log.md."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from hdagen.log import column_map_file, data_table
 from hdagen.log.column_map import ColumnMap, ColumnsError, ColumnSource, MappedColumns, split_column_name
 from hdagen.log.csv_file import read_csv
 from hdagen.log.data_table import LogError, Table
+from hdagen.log.log_checks import (
+    POSITION_CHANNELS,
+    count_joints,
+    find_column_problems,
+    find_time_problems,
+    find_value_problems,
+)
 from hdagen.log.mat_file import read_mat
 from hdagen.log.timestamps import judge_clock, spread_repeated_stamps
 from hdagen.support.input_file import InputFileError, check_file
-from hdagen.support.messages import join_names, join_nearest_names, make_printable, show_path, show_value
-from hdagen.support.row_runs import find_true_runs
+from hdagen.support.messages import join_names, make_printable, show_path, show_value
 
 __all__ = ["ColumnsError", "Log", "LogError", "find_gaps", "read", "write"]
 
 MOST_LOG_BYTES = 4 << 30  # bytes of a file
 _LOG_FORMATS = (".csv", ".tsv", ".txt", ".parquet", ".mat")
-_INPUT_CHANNELS = ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque")
-_POSITION_CHANNELS = ("motor_position", "joint_position")
-_LONGEST_PERIOD = 0.2  # s between rows; a control log is faster, so an undeclared unit is taken for ms, us or ns
-_SHORTEST_PERIOD = 1e-6  # s
-_LARGEST_VALUE = 1e9  # SI; no channel of an arm reaches it
-_LARGEST_STAMP = 1e20  # s; stamps of any unit are nearer to the beginning of any clock
 # Share of rows with a repeated stamp that differ from the row before, where a clock is coarse
 _LEAST_CHANGED_ROW_SHARE = 0.1
 _GAP_PERIODS = 1.75  # periods between rows from where a row is missing: two, less a quarter for jitter
@@ -78,6 +78,12 @@ class Log:
     def __len__(self) -> int:
         return len(self.time)
 
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Time as logged and all columns by Arrow's C interface, as `pyarrow.table` and `polars.DataFrame` ask for
+        it."""
+        columns = {"time": self.logged_time, **self.columns}
+        return data_table.stream_columns(columns, requested_schema)
+
     @property
     def period(self) -> float:
         """Median time between rows, s."""
@@ -116,12 +122,14 @@ class Log:
         return replace(self, time=self.time[rows], columns=part, stamps=stamps)
 
 
-def read(path: Path | str, columns: Path | str | None = None, joints: int | None = None, holes: bool = False) -> Log:
+def read(
+    path: Path | str, columns: Path | str | ColumnMap | None = None, joints: int | None = None, holes: bool = False
+) -> Log:
     """Read a log, through a columns.toml where its names, units or signs are foreign.
 
     Args:
         path: The log, .csv, .tsv, .txt, .parquet or .mat.
-        columns: The columns.toml, if any.
+        columns: The columns.toml, or the map of columns that it states, if any.
         joints: The robot's number of joints, which the log must have; None: any number.
         holes: Whether missing values stay NaN, for `hdagen.data_quality.log_repair`; else they are refused.
 
@@ -133,17 +141,36 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
         ColumnsError: The columns.toml is at fault.
 
     """
-    path, mapping = Path(path), ColumnMap({})
-    if columns is not None:
-        mapping = column_map_file.read_column_map(columns)
-    raw = _read_table(path, mapping)
+    mapping = columns or ColumnMap({})
+    if not isinstance(mapping, ColumnMap):
+        mapping = column_map_file.read_column_map(mapping)
+    return build_log(_read_table(Path(path), mapping), str(Path(path)), mapping, joints, holes)
+
+
+def build_log(raw: Table, source: str, mapping: ColumnMap, joints: int | None = None, holes: bool = False) -> Log:
+    """Build a log from a table: its columns mapped, checked and put on the best clock.
+
+    Args:
+        raw: The table, in the names and units of its origin.
+        source: The origin, for sentences.
+        mapping: The map of its columns.
+        joints: The robot's number of joints, which the log must have; None: any number.
+        holes: Whether missing values stay NaN; else they are refused.
+
+    Returns:
+        The log, in SI.
+
+    Raises:
+        LogError: The table is no log; every problem is listed.
+
+    """
     mapped = mapping.apply(raw)
     logged = mapped.time
     mapped = _spread_coarse_stamps(mapped, mapping.sources.get("time"))
-    problems = _check_columns(path, raw, mapped, joints)
+    problems = find_column_problems(source, raw, mapped, joints)
     if mapped.time is not None:
-        problems += _check_time(path, raw, mapped, mapped.time, mapping.sources.get("time"))
-    problems += _check_values(path, raw, mapped, holes)
+        problems += find_time_problems(source, raw, mapped, mapped.time, mapping.sources.get("time"))
+    problems += find_value_problems(source, raw, mapped, holes)
     if problems or mapped.time is None:
         raise LogError(problems)
     notes: list[str] = []
@@ -163,7 +190,7 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     if logged is not None and logged is not mapped.time:
         stamps = logged[part]
     log = _put_on_better_clock(
-        Log(time, values, _count_joints(values), make_printable(path), tuple(mapped.notes), stamps)
+        Log(time, values, count_joints(values), make_printable(source), tuple(mapped.notes), stamps)
     )
     said = (*raw.notes, *log.notes, *notes, *_describe_gaps(log.time, raw, part))
     return replace(log, notes=tuple(make_printable(note) for note in said))
@@ -241,7 +268,7 @@ def _put_on_better_clock(log: Log) -> Log:
     paths = {
         name: values
         for name, values in log.columns.items()
-        if (split_column_name(name) or ("", 0))[0] in _POSITION_CHANNELS
+        if (split_column_name(name) or ("", 0))[0] in POSITION_CHANNELS
     }
     clock = judge_clock(log.time, paths)
     notes, stamps = log.notes, log.stamps
@@ -279,121 +306,6 @@ def _read_table(path: Path, mapping: ColumnMap) -> Table:
         arrays = read_mat(path)
         return Table({n: v for n, v in arrays.items() if mapping.needs_column(n)}, tuple(arrays), None, ())
     return read_csv(path, mapping.needs_column)
-
-
-def _count_joints(columns: Mapping[str, np.ndarray]) -> int:
-    return max((split[1] for name in columns if (split := split_column_name(name))), default=0)
-
-
-def _check_columns(path: Path, raw: Table, mapped: MappedColumns, joints: int | None) -> list[str]:
-    """Check the columns that a log needs: time, and for each joint one current or torque and one position."""
-    problems, lacking = [], list[str]()
-    if mapped.time is None:
-        problems.append(f"{path}: there is no column time: name it so, or say in columns.toml [time] from = which.")
-        lacking.append("time")
-    found = _count_joints(mapped.columns)
-    if joints is not None and found > joints:
-        problems.append(
-            f"{path}: the log has columns of {found} joints, the robot has {joints}: use the robot's own log, or a "
-            "columns.toml that takes the joints wanted and ignores the others."
-        )
-    wanted = found if joints is None else joints
-    if wanted == 0:
-        problems.append(f"{path}: no column of any joint was found: map them with a columns.toml.")
-        lacking += [f"{base}_1" for base in (*_INPUT_CHANNELS, *_POSITION_CHANNELS)]
-    for joint in range(1, wanted + 1):
-        for what, bases in (("current or torque", _INPUT_CHANNELS), ("position", _POSITION_CHANNELS)):
-            names = [f"{base}_{joint}" for base in bases]
-            if not any(name in mapped.columns for name in names):
-                problems.append(
-                    f"{path}: joint {joint} has no {what}; one of {', '.join(names)} is needed: log it, or map it with "
-                    "a columns.toml."
-                )
-                lacking += names
-    if lacking:
-        problems.append(f"{path}: the file has {join_nearest_names(lacking, raw.names, 40)}.")
-    return problems
-
-
-def _check_time(
-    path: Path, raw: Table, mapped: MappedColumns, time: np.ndarray, source: ColumnSource | None
-) -> list[str]:
-    """Time must be finite, increase, and be in s; a unit that columns.toml declares is believed."""
-    if not len(time):
-        return [f"{path}: there are no rows: record again, or copy it again."]
-    if mapped.stop - mapped.start < 2:
-        return [f"{path}: {mapped.stop - mapped.start} row(s) only; a log needs at least two, and a motion among them."]
-    bad = np.flatnonzero(~np.isfinite(time))
-    if len(bad):
-        return [
-            f"{path}, {raw.describe_row(int(bad[0]))}: time has no value there, {len(bad)} time(s) in all: delete these"
-            " rows."
-        ]
-    far = np.flatnonzero(np.abs(time) > _LARGEST_STAMP)
-    if len(far):
-        return [
-            f"{path}, {raw.describe_row(int(far[0]))}: time is {time[far[0]]:.3g} s, {len(far)} value(s) beyond "
-            f"±{_LARGEST_STAMP:g} s in all: memory that was never written? Delete these rows."
-        ]
-    problems = []
-    declared = source is not None and bool(source.unit)
-    steps = np.diff(time)
-    back, same = np.flatnonzero(steps < 0), np.flatnonzero(steps == 0)
-    if len(back):
-        k = int(back[0])
-        problems.append(
-            f"{path}, {raw.describe_row(k + 1)}: time runs backwards, from {time[k]:.9g} s to {time[k + 1]:.9g} s, "
-            f"{len(back)} time(s) in all: two recordings in one file, or rows out of order? Cut or sort the file."
-        )
-    if len(same) and not (source and source.duplicates):
-        k = int(same[0])
-        problems.append(
-            f"{path}, {raw.describe_row(k + 1)}: the time stamp repeats the one before ({time[k]:.9g} s), {len(same)}"
-            " in all: log time with more digits; or, in columns.toml under [time], give the period, where rows are"
-            ' even, or keep the first of each with duplicates = "first".'
-        )
-    step = float(np.median(steps))
-    if not declared and not len(back) and step >= _LONGEST_PERIOD:
-        unit, word = "ns", "nano"
-        if step < 100:
-            unit, word = "ms", "milli"
-        elif step < 1e5:
-            unit, word = "us", "micro"
-        problems.append(
-            f"{path}: time looks like {word}seconds (rows are {step:.6g} apart, and s is expected): set "
-            f'unit = "{unit}" under [time] in columns.toml, or unit = "s" if it is right.'
-        )
-    if not declared and not len(back) and 0 < step < _SHORTEST_PERIOD:
-        problems.append(
-            f"{path}: rows are {step:.3g} s apart, faster than any control loop: "
-            "set unit under [time] in columns.toml, or period = the true step in s."
-        )
-    return problems
-
-
-def _check_values(path: Path, raw: Table, mapped: MappedColumns, holes: bool) -> list[str]:
-    """Every value finite, unless ``holes`` are wanted, and of a size that an arm can have."""
-    problems = []
-    for name, values in mapped.columns.items():
-        part = values[mapped.start : mapped.stop]
-        bad = np.flatnonzero(~np.isfinite(part)) + mapped.start
-        if len(bad) and len(bad) == len(part) and not holes:
-            problems.append(f'{path}: column {name} has no value in any row: leave it out with ignore = ["{name}"].')
-        elif len(bad) and not holes:
-            longest = int(np.diff(find_true_runs(~np.isfinite(part))).max())
-            problems.append(
-                f"{path}, {raw.describe_row(int(bad[0]))}: column {name} has no value in {len(bad)} row(s), up to"
-                f" {longest} "
-                f'together: cut them, or fill them with columns.toml [{name}] fill = "linear" ("hold" for a command).'
-            )
-        huge = np.flatnonzero(np.abs(part) > _LARGEST_VALUE) + mapped.start
-        if len(huge) and np.isfinite(part[huge - mapped.start]).any():
-            k = int(huge[np.isfinite(values[huge])][0])
-            problems.append(
-                f"{path}, {raw.describe_row(k)}: column {name} is {values[k]:.3g}, {len(huge)} value(s) beyond"
-                f" ±{_LARGEST_VALUE:g} in all: memory that was never written? Delete these rows."
-            )
-    return problems
 
 
 def _describe_gaps(time: np.ndarray, raw: Table, rows_of: np.ndarray) -> list[str]:

@@ -18,8 +18,9 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference
 from hdagen.mpc.compiled_settings import find_torque_limits
-from hdagen.mpc.configuration import Configuration, Wall, list_admittance_gains, resolve_limits
+from hdagen.mpc.configuration import Configuration, list_admittance_gains, resolve_limits
 from hdagen.mpc.predictive_controller import MPC, TickReport
+from hdagen.mpc.wall import Wall
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push, Simulation, run, simulate_ideal_admittance
 

@@ -2,45 +2,25 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hdagen.arm.build_loader import PlantError
-from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, CONFIGURATION_TABLES, ConfigurationKey, keys_of_table
+from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, CONFIGURATION_TABLES, keys_of_table
+from hdagen.mpc.configuration_value import convert_value
+from hdagen.mpc.wall import WALL_ROUNDING, Wall, find_least_distance, leave_no_room
 from hdagen.support.input_file import InputFileError, read_toml
 from hdagen.support.messages import show_path, show_value, suggest_name
 
 NO_LIMIT = 1e6
-WALL_ROUNDING = 1e-9  # m
 
 MOST_CONFIGURATION_BYTES = 100_000  # bytes of a controller.toml
 MOST_WALLS = 8
-LEAST_WALL_GAP = 1e-8  # m: walls with less room than this between them leave none
-
-
-@dataclass(frozen=True)
-class Wall:
-    """A half-plane that the tip keeps: normal · tip ≤ offset (m). With ``stiffness`` (N/m) it is a surface that the tip
-    may press with ``force`` (N); without, a fixture that is only in the controller. ``margin``, m."""
-
-    normal: tuple[float, float]
-    offset: float
-    stiffness: float | None = None
-    force: float | None = None
-    margin: float = 5e-4
-
-    @property
-    def give(self) -> float:
-        """How far the tip may press into the wall, m."""
-        if self.stiffness is None or self.force is None:
-            return 0.0
-        return self.force / self.stiffness
 
 
 @dataclass(frozen=True)
@@ -123,7 +103,7 @@ def read_configuration(path: str | Path) -> Configuration:
 
     """
     try:
-        content = read_toml(Path(path), MOST_CONFIGURATION_BYTES, "see docs/mpc.md for what a controller.toml holds")
+        content = read_toml(Path(path), MOST_CONFIGURATION_BYTES, "see docs/reference/controller_toml.md")
     except InputFileError as error:
         raise PlantError(error) from None
     return check_configuration(content, show_path(path))
@@ -169,51 +149,11 @@ def _read_table(where: str, table: str, entries: Any, values: dict[str, Any], pr
             possible = f"{', '.join(known)}{suggest_name(name, known)}"
             problems.append(f"{where}, {table}: unknown key {name[:40]!r}; possible are {possible}.")
         elif value is not None:
-            found, why = _convert_value(known[name], value)
+            found, why = convert_value(known[name], value)
             if why:
                 problems.append(f"{where}, {table}.{name}: found {show_value(value)}, possible is {why}.")
             else:
                 values[f"{table}.{name}"] = found
-
-
-def _convert_value(key: ConfigurationKey, value: Any) -> tuple[Any, str]:
-    """The value as it is used, and the possible values where it is not one of them."""
-    if key.kind == "text":
-        if value in key.choices:
-            return value, ""
-        return value, " or ".join(f'"{choice}"' for choice in key.choices)
-    span = _format_span(key)
-    if key.kind == "whole":
-        if isinstance(value, int) and not isinstance(value, bool) and key.low <= value <= key.high:
-            return value, ""
-        return value, f"a whole number {span}"
-    if key.kind == "number":
-        if _is_in_range(key, value):
-            return float(value), ""
-        return None, f"a number {span}"
-    if key.kind in ("axes", "joints") and not isinstance(value, list | tuple) and _is_in_range(key, value):
-        return float(value), ""
-    listed = isinstance(value, list | tuple) and len(value) > 0 and all(_is_in_range(key, v) for v in value)
-    if listed and (key.kind != "point" or len(value) == 2):
-        return tuple(float(v) for v in value), ""
-    nouns = {"numbers": "a list of numbers", "point": "two numbers in brackets"}
-    return None, f"{nouns.get(key.kind, 'a number, or a list of them,')} {span}"
-
-
-def _format_span(key: ConfigurationKey) -> str:
-    """The range of a key in words."""
-    span = f"from {key.low:g} to {key.high:g}"
-    if key.open:
-        span = f"more than {key.low:g} and at most {key.high:g}"
-    if key.unit == "1":
-        return span
-    return f"{span} {key.unit}"
-
-
-def _is_in_range(key: ConfigurationKey, value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return key.low <= value <= key.high and not (key.open and value == key.low)  # neither NaN nor an endless integer
 
 
 def _read_walls(where: str, tables: Any, problems: list[str]) -> tuple[Wall, ...]:
@@ -273,7 +213,7 @@ def _find_contradictions(where: str, c: Configuration, problems: list[str]) -> N
         )
     if c["limits.linear"] + c["limits.square"] <= 0:
         problems.append(f"{where}: limits.linear and limits.square are both 0, so soft limits do not count; raise one.")
-    if _leave_no_room(c.walls):
+    if leave_no_room(c.walls):
         problems.append(f"{where}: the walls leave nothing between them; move one.")
     if c["mpc.grid"] is not None and "mpc.node" in c.values:
         problems.append(f"{where}: mpc.grid says how long each node lasts, and mpc.node too; state one of them.")
@@ -285,11 +225,6 @@ def _find_contradictions(where: str, c: Configuration, problems: list[str]) -> N
             for j, (a, b) in enumerate(zip(expand_values(low, joints), expand_values(high, joints), strict=False), 1)
             if a >= b
         ]
-
-
-def _leave_no_room(walls: tuple[Wall, ...]) -> bool:
-    """Whether no point lies behind all walls, by more than rounding."""
-    return find_least_distance([replace(wall, offset=wall.offset - LEAST_WALL_GAP) for wall in walls]) is None
 
 
 def expand_values(value: Any, count: int) -> list[float]:
@@ -404,28 +339,3 @@ def _find_wrong_counts(robot: Mapping[str, Any], c: Configuration) -> Iterator[s
         value, count = c[key.path], counts[key.kind]
         if isinstance(value, tuple) and len(value) != count:
             yield f"{key.path} has {len(value)} numbers and there are {count} {key.kind}; give one, or {count}."
-
-
-def find_least_distance(walls: Sequence[Wall]) -> float | None:
-    """Find how near to the base the walls let the tip come.
-
-    The nearest point is the base itself, its foot on a wall, or a crossing of two walls.
-
-    Args:
-        walls: The walls.
-
-    Returns:
-        The distance, m; None where no point lies behind all walls.
-
-    """
-    lines = [(*wall.normal, wall.offset) for wall in walls]
-    points = [(0.0, 0.0)] + [(x * offset, y * offset) for x, y, offset in lines]
-    for (a, b, one), (p, q, other) in itertools.combinations(lines, 2):
-        across = a * q - b * p
-        if abs(across) > 1e-12:
-            points.append(((one * q - other * b) / across, (other * a - one * p) / across))
-    distances = []
-    for x, y in points:
-        if all(a * x + b * y <= offset + WALL_ROUNDING for a, b, offset in lines):
-            distances.append(math.hypot(x, y))
-    return min(distances, default=None)

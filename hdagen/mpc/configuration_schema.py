@@ -297,7 +297,7 @@ def keys_of_table(table: str) -> dict[str, ConfigurationKey]:
 
 
 def format_key_table() -> str:
-    """Write the table of all keys for docs/mpc.md.
+    """Write the table of all keys for docs/guides/mpc.md.
 
     Returns:
         Markdown.

@@ -1,7 +1,7 @@
 """The predictive controller, tick by tick: `MPC(arm, configuration).tick(now, path, …)`.
 
 A tick always leaves a whole, legal torque; faults come back as a status, never as an exception. Not a safety-rated
-function: use it behind a certified stop (docs/safety.md, docs/mpc.md).
+function: use it behind a certified stop (docs/project/safety.md, docs/guides/mpc.md).
 """
 
 from __future__ import annotations
@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe, pack_limits
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference
 from hdagen.mpc.compiled_settings import LIMIT_FAMILIES, find_torque_limits, list_report_parts, pack_settings
-from hdagen.mpc.configuration import Configuration, Wall, expand_values, list_admittance_gains
+from hdagen.mpc.configuration import Configuration, expand_values, list_admittance_gains
+from hdagen.mpc.wall import Wall
 
 RUNGS = ("on the plan", "on the last plan, shifted", "held by an impedance", "on the ramp to the safe torque")
 
@@ -158,7 +160,7 @@ class MPC(Controller):
         if problems := configuration.find_incompatibilities(self.arm.robot):
             raise PlantError("\n".join(problems))
         guard = self._choose_guard(configuration)
-        limits = self._pack_limits(guard, problems)
+        limits = pack_limits(self.arm, guard, problems)
         if problems:
             raise PlantError("\n".join(problems))
         whole = np.array([guard.safe.value, guard.stale_stamp_ticks, guard.stale_bits_ticks], np.int32)
@@ -284,7 +286,7 @@ class MPC(Controller):
 
         """
         problems: list[str] = []
-        limits = self._pack_limits(self.guard, problems)
+        limits = pack_limits(self.arm, self.guard, problems)
         whole = [self.guard.safe.value, self.guard.stale_stamp_ticks, self.guard.stale_bits_ticks]
 
         def listed(name: str, values: Sequence[float]) -> str:

@@ -44,7 +44,7 @@ def draw_table(
             )
     written, sent = [], [list[TableCell](columns)]
     for row in rows:
-        written.append([_format_cell(cell, digits) for cell in row])
+        written.append([format_cell(cell, digits) for cell in row])
         sent.append([_encode_cell(cell) for cell in row])
     data = {"rows": sent}
     return frame.build_figure(
@@ -52,7 +52,17 @@ def draw_table(
     )
 
 
-def _format_cell(cell: TableCell, digits: int) -> str:
+def format_cell(cell: TableCell, digits: int) -> str:
+    """Write a cell as text.
+
+    Args:
+        cell: Words, a number, a Boolean, or None.
+        digits: Count of significant digits of numbers.
+
+    Returns:
+        The text; a dash for None, yes and no for a Boolean.
+
+    """
     if cell is None:
         return "–"
     if cell is True:

@@ -1,4 +1,4 @@
-"""The tables of docs/paper.md, made of the results of `hdagen paper all`; docs/paper.json is a copy of these."""
+"""The tables of docs/project/paper.md, from the results of `hdagen paper all`; docs/paper.json is a copy of these."""
 
 from __future__ import annotations
 

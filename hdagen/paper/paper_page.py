@@ -185,7 +185,7 @@ def write_page(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Se
     )
     reproduce = (
         "    hdagen paper all\n\nEach figure's log lies beside it, and `hdagen replay ROBOT LOG` simulates it again: "
-        "ROBOT is the .toml of the same name, or paper_prototype without one. docs/paper.md says why things differ."
+        "ROBOT is the .toml of the same name, else paper_prototype. docs/project/paper.md explains the differences."
     )
     target = folder / "index.html"
     page.write_page(target, "The paper, reproduced", verdict, whole, reproduce)
@@ -215,7 +215,7 @@ def paper_heading(name: str) -> str:
 
 
 def read_errata() -> list[list[str]]:
-    """Read the rows of docs/errata.md from the package's copy: equation, printed, checked, how it shows."""
+    """Read the rows of docs/method/errata.md from the package's copy: equation, printed, checked, how it shows."""
     text = resources.files("hdagen.data").joinpath("errata.md").read_text("utf-8")
     lines = [line for line in text.splitlines() if line.startswith("|")]
     rows = []

@@ -75,7 +75,7 @@ def read_controller(path: str | Path) -> tuple[JointLaw, ...]:
 
     """
     try:
-        content = read_toml(Path(path), _MOST_CONTROLLER_BYTES, "see docs/replay.md for what a controller.toml holds")
+        content = read_toml(Path(path), _MOST_CONTROLLER_BYTES, "see docs/method/prediction.md for its keys")
     except InputFileError as error:
         raise PlantError(error) from None
     path = show_path(path)

@@ -22,7 +22,7 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import get_torque_constant
-from hdagen.log.data_table import LogError
+from hdagen.log.data_table import LogError, stream_columns
 from hdagen.log.measured_log import Log, split_at_pauses
 from hdagen.prediction.channel_noise import compute_channel_noise
 from hdagen.prediction.driving_inputs import compute_effective_inputs, find_driving_channel, read_driving_inputs
@@ -72,6 +72,10 @@ class Replay:
     notes: tuple[str, ...]
     guessed_starts: tuple[int, ...] = ()
     driving_channels: tuple[str, ...] = ()
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """The predicted columns by Arrow's C interface, as `pyarrow.table` and `polars.DataFrame` ask for it."""
+        return stream_columns(self.columns, requested_schema)
 
     @property
     def counted_channels(self) -> list[str]:

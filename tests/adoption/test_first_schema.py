@@ -61,7 +61,8 @@ def test_its_rows_are_counted() -> None:
     time = 1e-3 * np.arange(4)
     log = Log(time, {"joint_position_1": np.zeros(4)}, 1, "log.csv")
     columns = {"joint_position_1": np.full(4, 1e-3)}
-    found = Replay(columns, np.zeros((4, 1)), {"joint_position_1": 1e-3}, {"joint_position_1": 1e-3}, {}, np.array([0]))
+    noise = {"joint_position_1": 1e-3}
+    found = Replay(columns, np.zeros((4, 1)), noise, noise, {}, np.array([0]), 0, ())
     counted = count_rows(found, log, read_content(STORED), "diagnosis.json")
     assert "2 of 4 rows" in counted.notes[-1]
 

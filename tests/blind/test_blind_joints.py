@@ -22,7 +22,8 @@ from hdagen.blind.realities import joint_reality, log_maker, rigid_joints
 from hdagen.blind.realities.cases import draw_cases
 from hdagen.blind.realities.joint_motion import PERIOD, compute_link_torques, draw_joint_motion
 from hdagen.blind.realities.rigid_joints import Friction, JointCase, NamelessTorque
-from hdagen.blind.scores import Row, score_case, split_unknown, summarize_rows
+from hdagen.blind.score_summary import summarize_rows
+from hdagen.blind.scores import Row, score_case, split_unknown
 from hdagen.blind.sealed_check import Check
 from hdagen.log.measured_log import read
 

@@ -23,15 +23,8 @@ from hdagen.blind.blind_report import make_report, render_report
 from hdagen.blind.confidence_intervals import estimate_mean, estimate_median, estimate_rate
 from hdagen.blind.parameter_errors import PARAMETER_COMPARISONS, compare_parameters
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
-from hdagen.blind.scores import (
-    Row,
-    accuracy_by_coverage,
-    bin_by_confidence,
-    count_confusions,
-    merge_equivalent,
-    score_case,
-    summarize_rows,
-)
+from hdagen.blind.score_summary import accuracy_by_coverage, bin_by_confidence, count_confusions, summarize_rows
+from hdagen.blind.scores import Row, merge_equivalent, score_case
 from hdagen.blind.sealed_check import Check, _claim_folder, measure_replay_gap
 from hdagen.diagnosis.decision import calibration
 from hdagen.log.measured_log import write

@@ -17,7 +17,8 @@ from replayed import SENSORS
 from hdagen.__main__ import main
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference
 from hdagen.diagnosis.initialization.encoder_regression import EncoderDifference
 from hdagen.excitation.least_motion import LEAST_ENCODER_STEPS, count_run_steps

@@ -1,4 +1,4 @@
-"""What README says of all commands of hdagen: each takes --json, and prints JSON with it; --version; ROBOT."""
+"""The claims of docs/reference/commands.md: each command takes --json, and prints JSON with it; --version; ROBOT."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def commands() -> dict[str, argparse.ArgumentParser]:
 
 
 def test_every_command_takes_json_and_shows_an_example() -> None:
-    assert "those of `hdagen` take\n`--json`" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "those\nof `hdagen` take `--json`" in (ROOT / "docs/reference/commands.md").read_text(encoding="utf-8")
     assert tuple(commands()) == COMMANDS
     for name, command in commands().items():
         assert "--json" in command._option_string_actions, name

@@ -13,7 +13,8 @@ import pytest
 import hdagen
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.support.messages import join_nearest_names
 
 CALL = re.compile(r"\b[A-Za-z_][\w.]*\((\w+=|\.\.\.)|\b\w+=\(")

@@ -15,7 +15,8 @@ from scipy.linalg import expm
 from gen.model.compliance_laws import held_force
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle, solve_inverse_kinematics
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push, Simulation, run, simulate_ideal_admittance
@@ -256,7 +257,7 @@ def test_a_start_beside_the_reference_asks_for_no_jump(paper: Callable[[], Arm],
 @pytest.mark.parametrize("law", [law for law in LAWS if law != "position"])
 def test_a_rigid_drive_with_friction(build: Callable[..., Compiled], law: str) -> None:
     """A rigid joint has no torsion to observe friction by: a push of 0.5 N from standstill moves an admittance as it
-    should and an impedance not at all (docs/control.md)."""
+    should and an impedance not at all (docs/guides/control.md)."""
     arm = Arm(build(chain("RR", 1, friction=0.03)).folder)
     controller = free(arm, law, 5e-4, bandwidth=100.0)
     n, count = 2, 1000

@@ -17,11 +17,12 @@ from guard_library import CODE
 from gen.builder.gains_table import make_gains_table
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 
 LAWS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint")
 GUARD = Guard(Safe.ZERO)
-MANUAL = (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8")
+MANUAL = (Path(__file__).parents[2] / "docs" / "guides" / "control.md").read_text(encoding="utf-8")
 Q = np.array([0.6, 0.6])
 
 
@@ -304,14 +305,14 @@ def block(kind: str) -> str:
 def test_the_manuals_gains_are_the_laws_own() -> None:
     found = MANUAL.split("<!-- gains: python -m gen.builder.gains_table -->\n")[1].split("<!-- end of gains -->")[0]
     assert found == make_gains_table(), (
-        "put what `python -m gen.builder.gains_table` prints between the two markers of docs/control.md"
+        "put what `python -m gen.builder.gains_table` prints between the two markers of docs/guides/control.md"
     )
 
 
 def test_the_manuals_python_runs(build: Callable[..., Compiled], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HDAGEN_BUILD", str(build("paper").folder.parent))
     names: dict[str, Any] = {}
-    exec(compile(block("python"), "docs/control.md", "exec"), names)
+    exec(compile(block("python"), "docs/guides/control.md", "exec"), names)
     assert names["status"] >= 0 and names["torque"].shape == (2,)
 
 

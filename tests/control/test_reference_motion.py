@@ -13,7 +13,8 @@ from robots import chain
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard, Safe, convert_to_law_space
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller, convert_to_law_space
 from hdagen.control.reference_motion import Reference, circle, convert_to_joint_motion, solve_inverse_kinematics
 
 

@@ -8,6 +8,7 @@ import pytest
 from damage import changed, frozen, repeated, set_anew, spiked, times
 
 from hdagen.arm.compiled_arm import Arm
+from hdagen.data_quality.log_profile import LogProfile
 from hdagen.data_quality.log_repair import repair_log
 from hdagen.data_quality.outliers import find_outliers
 from hdagen.log.data_table import LogError
@@ -49,12 +50,12 @@ def test_a_frozen_encoder_is_told_by_the_other_one_where_it_comes_back_to_the_sa
     angle = 0.5 * np.sin(2 * np.pi * time)
     stood = np.where((time >= 1.1) & (time < 1.4), angle[1100], angle)
     whole = Log(time, {"joint_position_1": angle, "motor_position_1": 100 * angle}, 1, "made")
-    assert list(find_outliers(whole, [None])) == []
-    (found,) = find_outliers(changed(whole, joint_position_1=stood), [None])
+    assert list(find_outliers(LogProfile(whole), [None])) == []
+    (found,) = find_outliers(LogProfile(changed(whole, joint_position_1=stood)), [None])
     assert (found.name, found.joint) == ("stale", 1)
     np.testing.assert_array_equal(np.flatnonzero(found.rows), np.arange(1101, 1400))
     alone = Log(time, {"joint_position_1": stood}, 1, "made")
-    assert list(find_outliers(alone, [None])) == []  # one encoder alone may as well be a joint that sticks
+    assert list(find_outliers(LogProfile(alone), [None])) == []  # one encoder alone may as well be a joint that sticks
 
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3])

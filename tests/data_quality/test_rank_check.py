@@ -10,13 +10,13 @@ import pytest
 
 from hdagen.arm.arrays import Array
 from hdagen.data_quality.finding import RobotFacts
+from hdagen.data_quality.log_profile import LogProfile
 from hdagen.data_quality.positions import find_encoder_skews
 from hdagen.data_quality.rank_check import find_resolved_orders, is_determined
 from hdagen.diagnosis.data.windows import _measure_following_noise
 from hdagen.diagnosis.report import residual_maps
-from hdagen.diagnosis.residuals.localization import ResidualTrace
+from hdagen.diagnosis.residuals.residual_trace import ResidualTrace
 from hdagen.diagnosis.search import ripple_order
-from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
 
 TURN = 2 * np.pi
@@ -46,7 +46,7 @@ def spun(turns: float) -> tuple[Any, ResidualTrace]:
     rng, time = np.random.default_rng(1), np.linspace(0, 10, 5000)
     angle = turns * TURN * 0.5 * (1 - np.cos(time))
     missing = 6.0 * np.convolve(rng.normal(size=5049), np.ones(50) / 50**0.5, "valid")
-    sight = SimpleNamespace(column=lambda name, joint: angle)
+    sight = SimpleNamespace(motion=SimpleNamespace(read_state=lambda name, joint: angle))
     return sight, ResidualTrace("torque missing at motor 1", "N m", missing, missing, missing, np.ones(5000, bool))
 
 
@@ -95,5 +95,4 @@ def test_a_few_rows_tell_no_skew() -> None:
     angle = np.sin(9 * time)
     columns = {"motor_position_1": 100 * angle, "joint_position_1": np.sin(9 * (time - 0.01))}
     log = Log(time, columns, 1, "made")
-    channels = {name: compute_channel_statistics(name, values) for name, values in columns.items()}
-    assert find_encoder_skews(log, channels, RobotFacts((100.0,), {}, (None,), (None,), (False,)), [1]) == []
+    assert find_encoder_skews(LogProfile(log), RobotFacts((100.0,), {}, (None,), (None,), (False,)), None) == []

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hdagen.data_quality.finding import Finding, RobotFacts
+from hdagen.data_quality.log_profile import LogProfile
 from hdagen.data_quality.ripple_lines import find_ripple_lines
-from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
 
 NOISE = 0.01  # A
@@ -28,8 +28,7 @@ def found(
     kept = rng.random(len(time)) >= lost
     columns = {name: values[kept] for name, values in columns.items()}
     log = Log(time[kept], columns, 1, "made")
-    channels = {name: compute_channel_statistics(name, values) for name, values in columns.items()}
-    return find_ripple_lines(log, channels, RobotFacts((100.0,), {}, (None,), (None,), (prismatic,)), [1])
+    return find_ripple_lines(LogProfile(log), RobotFacts((100.0,), {}, (None,), (None,), (prismatic,)), None)
 
 
 STEADY = np.full(6000, 40.0)
@@ -78,7 +77,6 @@ def test_by_chance_there_is_hardly_ever_one() -> None:
         speed = 40.0 + 20.0 * np.sin(np.linspace(0.0, rng.uniform(5, 20), 6000) + rng.uniform(0, 6))
         time, angle = 1e-3 * np.arange(6000), np.cumsum(speed) * 1e-3
         columns = {"motor_current_1": rng.standard_normal(6000), "motor_position_1": angle}
-        channels = {name: compute_channel_statistics(name, values) for name, values in columns.items()}
         machine = RobotFacts((100.0,), {}, (None,), (None,), (False,))
-        seen += len(find_ripple_lines(Log(time, columns, 1, "noise"), channels, machine, [1]))
+        seen += len(find_ripple_lines(LogProfile(Log(time, columns, 1, "noise")), machine, None))
     assert seen <= 2

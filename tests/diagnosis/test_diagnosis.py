@@ -13,7 +13,8 @@ import scipy.stats
 from hdagen.__main__ import main
 from hdagen.adoption import verdict
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts
+from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import (
     compute_evidence_gain,
     compute_presence_probability,

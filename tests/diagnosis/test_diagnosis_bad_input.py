@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 from replayed import FLEXIBLE, simulated
 from test_result_shapes import CHANNEL, FRICTION, content
 
@@ -102,7 +103,7 @@ def test_a_contradiction_is_said_with_its_reason_and_what_would_tell(verdict: li
     assert say_contradiction(why) in said and "95 % of its own gap and leaves 102 % of the hold-out's" in said
     assert "do not seem to be of the same machine" in said and "hdagen excite" in said
     assert ("coulomb friction on joint 1" in say_contradiction(why)) is bool(verdict)
-    assert explain_confounding(shown).startswith(
+    assert explain_confounding(EFFECTS, shown).startswith(
         "No effect is named; the log alone says: coulomb friction on joint 1 (0.80)"
     )
 

@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 from test_diagnosis import problem
 
 from hdagen.diagnosis.decision.identifiability import Identifiability
 from hdagen.diagnosis.decision.wrong_robot import refuse_wrong_robot
 from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE, SPIKE_SCALES, Candidate, CandidateSet, Column
 from hdagen.diagnosis.inference.gauss_newton import compute_hypothesis_widths
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel, TotalNormalEquations
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, TotalNormalEquations
+from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import apply_laplace, solve_with_scales
 from hdagen.diagnosis.inference.sensitivities import (
     FEWEST_ROWS_OF_STEP,
@@ -28,16 +30,16 @@ from hdagen.diagnosis.initialization.encoder_regression import (
     _regress_robustly,
     _split_encoder_bias,
 )
-from hdagen.diagnosis.search import fit_order, hypothesis_search
+from hdagen.diagnosis.search import close_calls, fit_order, hypothesis_race
 from hdagen.diagnosis.search.fit_order import drop_columns, first_with_columns
-from hdagen.diagnosis.search.hypothesis_search import AT_BOUND_DEVIATIONS, _find_at_bound
+from hdagen.diagnosis.search.hypothesis_race import AT_BOUND_DEVIATIONS, _find_at_bound
 from hdagen.support.heap_memory import tune_malloc
 
 
 def described(**parameters: float) -> Any:
     """An arm that has these parameters, of typical size 100 and nominal as given."""
     each = {name: SimpleNamespace(typical=100.0, nominal=value) for name, value in parameters.items()}
-    return SimpleNamespace(parameters=SimpleNamespace(described=each))
+    return SimpleNamespace(parameters=SimpleNamespace(described=each), effects=EFFECTS)
 
 
 # -- another machine's robot file -------------------------------------------------------------------------------------
@@ -80,7 +82,7 @@ def test_a_robot_file_far_outside_its_tolerances_is_refused(off: list[float], na
 
 
 def test_what_the_robot_files_tolerance_allows_is_no_effect() -> None:
-    atoms = tuple(Candidate("payload", j, "link", (f"payload_mass_{j}",), {}, True) for j in (1, 2))
+    atoms = tuple(Candidate(EFFECTS["payload"], j, (f"payload_mass_{j}",), {}, True) for j in (1, 2))
     columns = tuple(
         Column(atom.amplitudes[0], k, 0.0, 1.0, spike, k, True)
         for k, (atom, spike) in enumerate(zip(atoms, (SPIKE_SCALES[0], 0.34), strict=True))
@@ -94,10 +96,13 @@ def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width
     words = SimpleNamespace(
         spike_widths=np.full(2, SPIKE_SCALES[0]),
         columns=[SimpleNamespace(index=0), SimpleNamespace(index=1)],
-        free=lambda atoms: np.array([1]),
-        theta=lambda p: np.array([3.0, 90.0]),
+        amplitude_columns=lambda atoms: np.array([1]),
+        to_theta=lambda p: np.array([3.0, 90.0]),
     )
-    described = {name: SimpleNamespace(name=name, unit=u) for name, u in {"mass_1": "kg", "amplitude": unit}.items()}
+    described = {
+        name: SimpleNamespace(name=name, unit=u, is_guess=False)
+        for name, u in {"mass_1": "kg", "amplitude": unit}.items()
+    }
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
     at: Any = SimpleNamespace(candidates=words, shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(2)))
     np.testing.assert_allclose(compute_hypothesis_widths(at, (0,)), [SPIKE_SCALES[0], width])
@@ -105,7 +110,9 @@ def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width
 
 def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
     """A fit that lost its columns early may be better than all that kept theirs."""
-    lost, kept, other = (SimpleNamespace(whole=whole, bare=lambda: "bare") for whole in (False, True, True))
+    lost, kept, other = (
+        SimpleNamespace(has_columns=whole, without_columns=lambda: "bare") for whole in (False, True, True)
+    )
     fits: Any = [lost, kept, other]
     assert first_with_columns(fits) is kept  # type: ignore[comparison-overlap]
     assert drop_columns(fits) == ["bare", kept, "bare"]  # type: ignore[comparison-overlap]
@@ -117,39 +124,45 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
 
     @dataclass(eq=False)
     class Fit:
-        atoms: tuple[int, ...]
+        effects: tuple[int, ...]
         score: Any
-        reached: float
-        whole: bool = True
-        stands: bool = False
-        excess: float = 1.0
+        evidence_here: float
+        has_columns: bool = True
+        has_converged: bool = False
+        misfit_temperature: float = 1.0
 
         @property
         def names(self) -> tuple[str, ...]:
-            return tuple(f"{atom}@1" for atom in self.atoms)
+            return tuple(f"{atom}@1" for atom in self.effects)
 
-        def bare(self) -> Any:
+        def without_columns(self) -> Any:
             return self
 
     def fit(atoms: tuple[int, ...], evidence: float) -> Any:
-        return Fit(atoms=atoms, score=SimpleNamespace(evidence=evidence), reached=evidence)
+        return Fit(effects=atoms, score=SimpleNamespace(evidence=evidence), evidence_here=evidence)
 
     moved: list[tuple[int, ...]] = []
 
     def step(one: Any, words: Any) -> Any:
-        moved.append(one.atoms)
-        return fit(one.atoms, min(one.score.evidence + 2.0, ends[one.atoms]))
+        moved.append(one.effects)
+        return fit(one.effects, min(one.score.evidence + 2.0, ends[one.effects]))
 
-    monkeypatch.setattr(hypothesis_search, "advance_fit", step)
+    monkeypatch.setattr(hypothesis_race, "advance_fit", step)
     lead, none, far = fit((1,), -104.0), fit((), -108.0), fit((2,), -130.0)
-    found = hypothesis_search._settle_close_calls([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
+    found = close_calls.settle_close_calls([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
     assert [(f.effects, f.score.evidence) for f in found] == [((), -100), ((1,), -103), ((), -112), ((2,), -130)]
     assert set(moved) == {(), (1,)}
-    assert hypothesis_search._settle_close_calls([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
-    bare: Any = Fit(atoms=(3,), score=SimpleNamespace(evidence=-101.0), reached=-101.0, whole=False, stands=True)
-    monkeypatch.setattr(hypothesis_search, "restore_columns", lambda one, words: fit(one.atoms, one.score.evidence))
-    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: one)
-    assert first_with_columns(hypothesis_search._settle_close_calls([far, lead, bare], None, print)).effects == (3,)  # type: ignore[arg-type]
+    assert close_calls.settle_close_calls([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
+    bare: Any = Fit(
+        effects=(3,),
+        score=SimpleNamespace(evidence=-101.0),
+        evidence_here=-101.0,
+        has_columns=False,
+        has_converged=True,
+    )
+    monkeypatch.setattr(close_calls, "restore_columns", lambda one, words: fit(one.effects, one.score.evidence))
+    monkeypatch.setattr(hypothesis_race, "advance_fit", lambda one, words: one)
+    assert first_with_columns(close_calls.settle_close_calls([far, lead, bare], None, print)).effects == (3,)  # type: ignore[arg-type]
 
 
 def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,21 +170,22 @@ def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatc
 
     def fit(atoms: tuple[int, ...], evidence: float) -> Any:
         names = tuple(sorted(f"{atom}@1" for atom in atoms))
-        one = SimpleNamespace(atoms=atoms, names=names, reached=evidence, score=SimpleNamespace(evidence=evidence))
-        one.whole, one.stands, one.excess, one.bare = True, False, 1.0, lambda: one
+        one = SimpleNamespace(effects=atoms, names=names, evidence_here=evidence)
+        one.score = SimpleNamespace(evidence=evidence)
+        one.has_columns, one.has_converged, one.misfit_temperature, one.without_columns = True, False, 1.0, lambda: one
         return one
 
     went: list[float] = []
-    monkeypatch.setattr(hypothesis_search, "_continue_fit", lambda one, *_: went.append(one.reached) or one)
+    monkeypatch.setattr(close_calls, "continue_fit", lambda one, *_: went.append(one.evidence_here) or one)
     both = [fit((1, 2), -100.0), fit((2, 1), -101.0), fit((1,), -106.0), fit((1, 2, 3), -109.0), fit((4,), -117.0)]
-    hypothesis_search._settle_close_calls(both, None, lambda word: None)  # type: ignore[arg-type]
+    close_calls.settle_close_calls(both, None, lambda word: None)  # type: ignore[arg-type]
     assert sorted(went) == [-106.0, -100.0]
 
 
 def test_where_no_effect_tells_anything_no_second_one_is_looked_for() -> None:
     def fits(none: float, best: float) -> Any:
         pairs = (((), none), ((1,), best))
-        return [SimpleNamespace(effects=atoms, noise_only_evidence=0.0, reached=-lacks) for atoms, lacks in pairs]
+        return [SimpleNamespace(effects=atoms, noise_only_evidence=0.0, evidence_here=-lacks) for atoms, lacks in pairs]
 
     assert fit_order.is_beyond_known_effects(fits(1300.0, 1240.0))
     assert not fit_order.is_beyond_known_effects(fits(1300.0, 900.0))  # it tells a third
@@ -194,10 +208,10 @@ def test_what_does_not_show_is_unseen_and_what_looks_alike_stands_beside() -> No
     words = SimpleNamespace(
         spike_widths=np.full(4, 0.05),
         members=[SimpleNamespace(name=name) for name in names],
-        columns=[SimpleNamespace(atom=k) for k in range(4)],
+        columns=[SimpleNamespace(candidate=k) for k in range(4)],
     )
-    design = SimpleNamespace(candidates=words, linear=lambda: linear, widened=lambda places: design)
-    score = SimpleNamespace(at=SimpleNamespace(s=0.0, kappa2=np.ones(1)))
+    design = SimpleNamespace(candidates=words, linear_model=lambda: linear, with_finite_step=lambda places: design)
+    score = SimpleNamespace(posterior=SimpleNamespace(s=0.0, kappa2=np.ones(1)))
     fit: Any = SimpleNamespace(score=score, sensitivities=design, posterior=(np.array([0.8, 0.0, 0.0, 1.0]), None))
     told = Identifiability(fit, 12.0)
     assert told.find_undetectable() == ["backlash@2"]
@@ -209,7 +223,9 @@ def test_what_does_not_show_is_unseen_and_what_looks_alike_stands_beside() -> No
     J[2] = 30 * rng.normal(size=rows)  # what the third does in its whole size
     block = np.vstack([first, J])
     wide = replace(linear, cross_products=CrossProducts((block @ block.T)[None], 1, 0))
-    design.widened = lambda places: SimpleNamespace(candidates=words, linear=lambda: wide) if places == [2] else None
+    design.with_finite_step = lambda places: (
+        SimpleNamespace(candidates=words, linear_model=lambda: wide) if places == [2] else None
+    )
     assert Identifiability(fit, 12.0).find_undetectable() == []
 
 
@@ -292,8 +308,10 @@ def test_the_torque_of_a_wall_is_not_told_by_a_bias_and_the_arc_of_a_large_eccen
     true = np.array([3e-4, 4e-4, -2e-4, 1e-4])
     twist = columns @ true - 2e-3 * walled + rng.normal(0, 1e-6, 6000)
     named = {"encoder_bias_1": (0.1, 1e-3), "eccentricity_sine_1": (0.01, 5e-4), "eccentricity_cosine_1": (0.01, 5e-4)}
+    kinds = ("constant", "joint_sine", "joint_cosine")
     terms: Any = [
-        SimpleNamespace(name=name, low=-most, high=most, typical=usual) for name, (most, usual) in named.items()
+        SimpleNamespace(name=name, low=-most, high=most, typical=usual, encoder_term=kind)
+        for (name, (most, usual)), kind in zip(named.items(), kinds, strict=True)
     ]
     low, high = _coefficient_bounds(terms, columns)
     assert list(high) == [0.1, 4 * 5e-4, 4 * 5e-4, np.inf] and np.array_equal(low, -high)
@@ -317,11 +335,18 @@ def test_no_wall_is_read_off_where_there_is_none(torque: str) -> None:
 
 
 def test_as_much_of_a_constant_as_an_eccentricity_can_make_is_its_zero() -> None:
+    terms = {
+        "encoder_bias_1": ("encoder_bias", "constant"),
+        "eccentricity_sine_1": ("encoder_eccentricity", "joint_sine"),
+        "eccentricity_cosine_1": ("encoder_eccentricity", "joint_cosine"),
+        "eccentricity_zero_1": ("encoder_eccentricity", "zero_offset"),
+    }
+    own: Any = [SimpleNamespace(name=name, effect=effect, encoder_term=term) for name, (effect, term) in terms.items()]
     seen = {"encoder_bias_1": -3e-4, "eccentricity_sine_1": 3e-4, "eccentricity_cosine_1": 4e-4}
-    assert _split_encoder_bias(1, seen) == {"encoder_bias_1": 0.0, "eccentricity_zero_1": 3e-4}
-    more = _split_encoder_bias(1, seen | {"encoder_bias_1": -9e-4})
+    assert _split_encoder_bias(own, seen) == {"encoder_bias_1": 0.0, "eccentricity_zero_1": 3e-4}
+    more = _split_encoder_bias(own, seen | {"encoder_bias_1": -9e-4})
     assert more == pytest.approx({"encoder_bias_1": -4e-4, "eccentricity_zero_1": 5e-4})
-    assert _split_encoder_bias(1, {"encoder_bias_1": 1e-3}) == {}
+    assert _split_encoder_bias(own, {"encoder_bias_1": 1e-3}) == {}
 
 
 # -- what a verdict is made of ----------------------------------------------------------------------------------------
@@ -329,15 +354,15 @@ def test_as_much_of_a_constant_as_an_eccentricity_can_make_is_its_zero() -> None
 
 def test_what_changes_dry_friction_presupposes_some() -> None:
     without, some = described(coulomb_friction_1=0.0), described(coulomb_friction_1=0.04)
-    stribeck = Candidate("stribeck_friction", 1, "motor", ("stribeck_torque_1",), {}, True)
-    viscous = Candidate("viscous_friction", 1, "motor", ("viscous_friction_1",), {}, True)
+    stribeck = Candidate(EFFECTS["stribeck_friction"], 1, ("stribeck_torque_1",), {}, True)
+    viscous = Candidate(EFFECTS["viscous_friction"], 1, ("viscous_friction_1",), {}, True)
     assert stribeck.required_effect(without) == "coulomb_friction@1"
     assert stribeck.required_effect(some) is None and viscous.required_effect(without) is None
 
 
 def test_what_differs_at_standstill_only_is_not_named_twice() -> None:
-    bias, other = (Candidate("current_bias", j, "motor", (f"bias_{j}",), {}, True) for j in (1, 2))
-    uneven = Candidate("asymmetric_friction", 1, "motor", ("asymmetric_torque_1",), {}, True)
+    bias, other = (Candidate(EFFECTS["current_bias"], j, (f"bias_{j}",), {}, True) for j in (1, 2))
+    uneven = Candidate(EFFECTS["asymmetric_friction"], 1, ("asymmetric_torque_1",), {}, True)
     assert bias.is_twin_of(uneven) and uneven.is_twin_of(bias)
     assert not bias.is_twin_of(bias) and not other.is_twin_of(uneven)
 
@@ -352,14 +377,17 @@ def test_what_stands_at_its_brim_is_tried_the_fullest_first() -> None:
     mean = 0.05 * np.array(
         [AT_BOUND_DEVIATIONS + 0.1, AT_BOUND_DEVIATIONS - 0.1, 0.2, -3.0, 20.0, 3.0]
     )  # the fourth atom is free, the last no atom
-    assert _find_at_bound(SimpleNamespace(sensitivities=SimpleNamespace(words=words), posterior=(mean, None))) == [2, 0]  # type: ignore[arg-type]
+    assert _find_at_bound(SimpleNamespace(sensitivities=SimpleNamespace(candidates=words), posterior=(mean, None))) == [
+        2,
+        0,
+    ]  # type: ignore[arg-type]
 
 
 def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:
     linear, *_ = problem(np.random.default_rng(8))
     before = linear.normal_equations(0.3)
     linear.cross_products.drop_caches()
-    assert not linear.cross_products.reduced_cache and "spectrum" not in linear.cross_products.__dict__
+    assert not linear.cross_products.reduced_cache and "eliminated_states" not in linear.cross_products.__dict__
     after = linear.normal_equations(0.3)
     assert (
         (before.N == after.N).all() and (before.b == after.b).all() and before.log_determinant == after.log_determinant

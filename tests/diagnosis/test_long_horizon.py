@@ -16,6 +16,8 @@ from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.long_horizon import LongHorizonSearch
+from hdagen.diagnosis.long_window_errors import LongWindowErrors
+from hdagen.diagnosis.long_window_fit import LongWindowFit
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import REPLAY_WINDOW
 
@@ -50,9 +52,8 @@ def shaken(arm: Arm, seed: int, **truth: float) -> Log:
 def seen(arm: Arm, log: Log) -> LongHorizonSearch:
     """The search in the windows of a log."""
     windows = cut_windows(arm, LogPortion.all_rows(log), REPLAY_WINDOW)
-    return LongHorizonSearch(
-        MultipleShooting(arm, windows), build_candidates(arm, guess_from_log(arm, windows)), arm.p.copy()
-    )
+    errors = LongWindowErrors(MultipleShooting(arm, windows), arm.p.copy())
+    return LongHorizonSearch(LongWindowFit(errors, build_candidates(arm, guess_from_log(arm, windows))))
 
 
 def told(arm: Arm, log: Log) -> tuple[tuple[str, ...], dict[str, float], float]:
@@ -62,9 +63,9 @@ def told(arm: Arm, log: Log) -> tuple[tuple[str, ...], dict[str, float], float]:
     assert not best.atoms or others[-1].atoms == ()
     assert all(best.cost < one.cost for one in others)
     values = dict(
-        zip(arm.parameters.described, lasting.parameters_at(lasting.limit_base_parameters(best)), strict=True)
+        zip(arm.parameters.described, lasting.fit.parameters_at(lasting.fit.limit_base_parameters(best)), strict=True)
     )
-    return lasting.candidates.names_of(best.atoms), values, float(np.sqrt(np.mean(best.errors**2)))
+    return lasting.fit.candidates.names_of(best.atoms), values, float(np.sqrt(np.mean(best.errors**2)))
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +98,7 @@ def test_of_what_only_shakes_nothing_is_told(arm: Arm, seed: int) -> None:
 def test_what_would_not_show_is_not_told_and_what_would_is(arm: Arm) -> None:
     nothing = seen(arm, shaken(arm, 0))
     unseen = nothing.find_undetectable(nothing.find_effects()[-1])
-    words = nothing.candidates
+    words = nothing.fit.candidates
     for effect in ("payload", "current_bias", "quadratic_friction", "cable_spring"):
         own = [c for c in words.columns if c.candidate >= 0 and words.members[c.candidate].effect == effect]
         names, _, _ = told(arm, shaken(arm, 0, **{c.parameter: c.center + c.unit for c in own}))
@@ -110,9 +111,9 @@ def test_of_two_that_differ_at_standstill_alone_one_is_guessed_and_the_other_sai
     lasting = seen(rubbing, shaken(rubbing, 0, bias_1=0.08))
     first, *others, none = lasting.find_effects()
     twins = {"current_bias@1", "asymmetric_friction@1"}
-    (guessed,) = twins & set(lasting.candidates.names_of(first.atoms))
+    (guessed,) = twins & set(lasting.fit.candidates.names_of(first.atoms))
     (other,) = twins - {guessed}
-    alike = [one for one in others if other in lasting.candidates.names_of(one.atoms)]
+    alike = [one for one in others if other in lasting.fit.candidates.names_of(one.atoms)]
     assert min(one.cost for one in alike) < first.cost + 2.0 * np.log(100.0)  # neither is out of the question
     assert none.cost > first.cost + 2.0 * np.log(100.0)
     names, values, _ = told(rubbing, shaken(rubbing, 0, load_share_1=0.3))

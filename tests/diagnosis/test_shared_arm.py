@@ -67,10 +67,10 @@ def test_what_reads_an_arm_never_sets_it(given: tuple[Arm, Log]) -> None:
     sight = see_residual_torque(arm, read_verdict(EMPTY), log, found, found)
     for p in (sight.before, sight.after):
         asked = (
-            sight.residual(p).motor,
-            *sight.simulate_inputs(p),
-            sight.link_torque(p),
-            sight.encoder_error(p, sight.before),
+            sight.balance.residual(p).motor,
+            *sight.balance.simulate_inputs(p),
+            sight.balance.link_torque(p),
+            sight.balance.encoder_error(p, sight.before),
         )
         assert all(np.isfinite(one).all() for one in asked)
     with pytest.raises(TypeError, match="writable"):

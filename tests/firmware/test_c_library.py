@@ -238,7 +238,7 @@ def test_cpp_includes_the_headers_and_links(sources: Sources, cxx: str, tmp_path
 
 
 def test_the_manual_shows_c_that_compiles_and_the_flags_that_are_used(sources: Sources, tmp_path: Path) -> None:
-    manual = (Path(__file__).parents[2] / "docs" / "build.md").read_text(encoding="utf-8")
+    manual = (Path(__file__).parents[2] / "docs" / "guides" / "firmware.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"```c\n(.*?)```", manual, re.DOTALL)
     (tmp_path / "shown.c").write_text(f'#include "hda.h"\nint main(void) {{\n{shown}return 0;\n}}\n')
     command = [compiler("gcc"), "-std=c99", *STRICT, "-I", str(sources("R", "portable")), "-fsyntax-only", "shown.c"]

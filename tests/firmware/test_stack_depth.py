@@ -1,4 +1,4 @@
-"""The stack that docs/safety.md states is what gcc reserves, along the deepest chain of calls."""
+"""The stack that docs/project/safety.md states is what gcc reserves, along the deepest chain of calls."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from compilers import compiler, said
 from mpc_arms import built
 
-SAFETY = (Path(__file__).parents[2] / "docs" / "safety.md").read_text(encoding="utf-8")
+SAFETY = (Path(__file__).parents[2] / "docs" / "project" / "safety.md").read_text(encoding="utf-8")
 STATED = {
     name: int(limit)
     for names, limit in re.findall(r"^\| ((?:`hda_\w+`(?:, )?)+) \| (\d+) \|", SAFETY, re.MULTILINE)

@@ -738,7 +738,7 @@ def test_a_broken_columns_toml_is_one_sentence(tmp_path: Path, content: bytes) -
 
 
 def test_the_examples_of_the_documentation_are_valid() -> None:
-    text = (EXAMPLES.parent / "log.md").read_text(encoding="utf-8")
+    text = (EXAMPLES.parent / "guides" / "bring_your_log.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     assert blocks
     for path in EXAMPLES.glob("*/columns*.toml"):

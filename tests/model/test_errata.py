@@ -1,4 +1,4 @@
-"""docs/errata.md row by row: the printed form of the paper fails, the checked form passes.
+"""docs/method/errata.md row by row: the printed form of the paper fails, the checked form passes.
 
 Legend (paper's letters): τ_f, τ_w torque of flexspline and wave generator; θ_wi, θ_wo, θ_fi, θ_fo angles in and out;
 Δθ_w = θ_wi − θ_wo, Δθ_f = θ_fi − θ_fo; θ_wo = −N θ_fi; Δθ_h whole torsion; Δθ what (12) makes of the encoders.
@@ -385,8 +385,8 @@ def test_table_four_holds_tracking_errors() -> None:
 
 
 def test_list_and_tests_agree() -> None:
-    """Every row of docs/errata.md is whole and names a test of this file; every test of this file has its row."""
-    text = (Path(__file__).parents[2] / "docs" / "errata.md").read_text(encoding="utf-8")
+    """Every row of docs/method/errata.md is whole and names a test here; every test here has its row."""
+    text = (Path(__file__).parents[2] / "docs" / "method" / "errata.md").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line.startswith("|")]
     head, _, *body = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines]
     assert head == ["eq.", "printed", "checked", "how it shows", "test"]

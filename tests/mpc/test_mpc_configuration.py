@@ -13,11 +13,12 @@ from gen.mpc.problem_structure import StructureError, check_memory, memory_neede
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import load
 from hdagen.mpc.benchmark.scaling import format_chain_robot
-from hdagen.mpc.configuration import Configuration, Wall, check_configuration, read_configuration
+from hdagen.mpc.configuration import Configuration, check_configuration, read_configuration
 from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, ConfigurationKey, format_key_table
 from hdagen.mpc.predictive_controller import MPC
+from hdagen.mpc.wall import Wall
 
-DOCS = Path(__file__).parents[2] / "docs" / "mpc.md"
+DOCS = Path(__file__).parents[2] / "docs" / "reference" / "controller_toml.md"
 
 
 def test_the_documented_keys_are_the_keys() -> None:

@@ -15,9 +15,10 @@ from hdagen.mpc.benchmark.estimator_consistency import summarize_innovations
 from hdagen.mpc.benchmark.law_comparison import drive_random_runs, vary_parameters
 from hdagen.mpc.benchmark.law_comparison import keeps_soft_limits as held
 from hdagen.mpc.closed_loop_trial import Trial, TrialOutcome, evaluate_trial, run_trial
-from hdagen.mpc.configuration import Configuration, Wall
+from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.impact import measure_sudden_force
 from hdagen.mpc.predictive_controller import MPC
+from hdagen.mpc.wall import Wall
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push, run
 

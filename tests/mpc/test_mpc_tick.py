@@ -7,8 +7,8 @@ import pytest
 from mpc_arms import built
 
 from hdagen.arm.build_loader import PlantError
-from hdagen.mpc.configuration import Wall
 from hdagen.mpc.predictive_controller import MPC
+from hdagen.mpc.wall import Wall
 
 H = 1e-3
 NAN = float("nan")

@@ -1,4 +1,4 @@
-"""`hdagen paper`: what it names, what it writes, what it leaves alone, what it says when it cannot; docs/paper.md."""
+"""`hdagen paper`: its names, its files, the files that it leaves alone, its errors; docs/project/paper.md."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ def test_what_is_not_from_the_same_or_not_whole_is_made_again(tmp_path: Path) ->
 
 
 def test_docs_paper_is_what_its_results_make() -> None:
-    text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "project" / "paper.md").read_text(encoding="utf-8")
     found = json.loads((ROOT / "docs" / "paper.json").read_text(encoding="utf-8"))
     assert document_tables.render_tables(found) in text
     assert [figure["name"] for figure in found] == [figure.name for figure in PAPER_FIGURES]
@@ -236,7 +236,7 @@ def test_results_keep_how_long_a_sweep_took() -> None:
 
 def test_the_errata_of_the_page_are_those_of_the_document() -> None:
     assert (ROOT / "hdagen" / "data" / "errata.md").read_text(encoding="utf-8") == (
-        ROOT / "docs" / "errata.md"
+        ROOT / "docs" / "method" / "errata.md"
     ).read_text(encoding="utf-8")
     rows = paper_page.read_errata()
     assert len(rows) > 15 and all(len(row) == 4 for row in rows) and rows[0][0] == "(4)"

@@ -11,9 +11,11 @@ from replayed import FLEXIBLE, simulated
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts
+from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import TORQUE_GRID, compute_posteriors
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.rollout import Rollout
 from hdagen.diagnosis.inference.sensitivities import count_torque_steps, measure_input_uncertainty, measure_torque_units
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import InitialGuess

@@ -17,6 +17,7 @@ import pytest
 import tomlkit
 from hypothesis import HealthCheck, given, settings
 
+from gen.effects.appearance import Abscissa, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port
 from gen.presets import find_presets
 from gen.robot.description import Robot, RobotError, Value, describe_robot
@@ -32,7 +33,13 @@ PAPER = find_presets()["paper"].read_text(encoding="utf-8")
 
 def _effect(name: str, joints: str = "each", rigid: bool = True) -> Effect:
     bounded = (Parameter("bias", "N m", 0.0, -50.0, 50.0, "torque"), Parameter("width", "rad", 0.1, 0.01, 1.0, "width"))
-    return Effect(name, Port.MOTOR, bounded, ("bias",), lambda s, p: p["bias"], "of this test", (), rigid, joints)
+    shown = {
+        "experiment": Experiment("hold still", "pushes"),
+        "plot": Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ANGLE),
+    }
+    return Effect(
+        name, Port.MOTOR, bounded, ("bias",), lambda s, p: p["bias"], "of this test", (), rigid, joints, **shown
+    )
 
 
 EFFECTS = (
@@ -232,8 +239,8 @@ def test_canonical_is_json_and_knows_no_place() -> None:
 
 
 def test_the_reference_is_current() -> None:
-    assert (ROOT / "docs/robot.md").read_text(encoding="utf-8") == write_document(), (
-        "python -m gen.robot.schema > docs/robot.md"
+    assert (ROOT / "docs/reference/robot_toml.md").read_text(encoding="utf-8") == write_document(), (
+        "python -m gen.robot.schema > docs/reference/robot_toml.md"
     )
 
 

@@ -12,7 +12,8 @@ from compiled import Compiled
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import circle
 from hdagen.paper.prototype.virtual_prototype import fine_sensors, make_controller
 from hdagen.simulation.batch_closed_loop import MOST_DELAY_TICKS, closed_loops

@@ -15,7 +15,8 @@ from gen.effects import ALL, NOMINAL
 from gen.effects.effect import Effect, Port
 from gen.robot.description import RobotError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import circle
 from hdagen.prediction.window_replay import Replay, replay
 from hdagen.simulation.simulated_sensors import Sensors

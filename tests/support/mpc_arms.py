@@ -8,7 +8,8 @@ from functools import cache
 from pathlib import Path
 
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.mpc.configuration import Configuration, Wall, check_configuration
+from hdagen.mpc.configuration import Configuration, check_configuration
+from hdagen.mpc.wall import Wall
 
 WALLS = (Wall((1.0, 0.0), 0.265, 2e4, 20.0), Wall((0.0, 1.0), 0.07))
 

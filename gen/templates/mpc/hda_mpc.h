@@ -1,5 +1,5 @@
 /* Model predictive control that keeps the admittance, inside the guard: whatever comes in, a legal torque goes out. See
- * docs/mpc.md.
+ * docs/guides/mpc.md.
  *
  *     static hda_mpc k;                                     // zeros
  *     hda_mpc_configure(&k, p, &settings, &config);

@@ -55,7 +55,7 @@ def simulate_world(
         noise: seed of the sensors' noise.
 
     Returns:
-        The log: columns (T,) of docs/log.md by name.
+        The log: columns (T,) of docs/guides/bring_your_log.md by name.
 
     """
     return _ArmSimulation(world, nominal, motion, noise).simulate_log()

@@ -12,7 +12,7 @@ class Robot(Protocol):
     """A robot as its file states it."""
 
     def toml(self) -> str:
-        """robot.toml."""
+        """Write the text of the robot.toml."""
 
     def noise(self) -> Mapping[str, float]:
         """Standard deviation of the noise of each channel that the gap is measured on."""

@@ -20,11 +20,11 @@ from hdagen.blind.realities.effect_sizes import UNKNOWN_KINDS
 
 _TABLE_CELLS = 4096  # number of cells of the spring table
 _SLIP_ELEMENTS = 8  # number of elements of Maxwell's slip model
-_LAW_LIMIT = 12.0  # c_f τ up to which the spring law holds; beyond it its tangent does (docs/robot.md: law_torque)
+_LAW_LIMIT = 12.0  # c_f τ up to which the spring law holds; beyond it its tangent does (robot_toml.md: law_torque)
 
 
 class Springs:
-    """τ(φ) of both springs in series (docs/robot.md): solutions of the torsion law, interpolated by cubics."""
+    """τ(φ) of both springs in series (robot_toml.md): solutions of the torsion law, interpolated by cubics."""
 
     def __init__(self, drive: Mapping[str, float]) -> None:
         k, c, kw, cw, ratio = (

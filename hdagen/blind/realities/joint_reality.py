@@ -38,7 +38,7 @@ def make_joint_log(case: JointCase, which: str, seconds: float) -> dict[str, np.
         seconds: length of the motion, s.
 
     Returns:
-        The log: columns (T,) of docs/log.md by name.
+        The log: columns (T,) of docs/guides/bring_your_log.md by name.
 
     """
     motion = case.draw_motion(which, seconds)

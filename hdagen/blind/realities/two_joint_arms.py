@@ -35,7 +35,7 @@ SCATTERED_PARAMETERS = (
     "wave_generator_stiffening",
     "torsional_damping",
 )  # without lengths, which are measured, and ratios, which are counted
-NOMINAL_DRIVE = {  # CSG-17-100, docs/errata.md; motor of 52.5 mN m/A
+NOMINAL_DRIVE = {  # CSG-17-100, docs/method/errata.md; motor of 52.5 mN m/A
     "ratio": 100.0,
     "motor_inertia": 1.289e-4,
     "torque_constant": 0.0525,

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
+from hdagen.arm.effect_catalogue import EffectCatalogue
 from hdagen.diagnosis.data.split import Mask
 from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.decision.posterior import PLACES_BETWEEN_ENCODERS, Decision, Hypothesis
@@ -27,21 +28,21 @@ DIRECT_EVIDENCE_SHARE = (
     0.5  # of the error without it, that an effect must leave at most: it explains three quarters of the variance
 )
 FOLDS = 4  # parts of a log, each of which is predicted from the others
-ENCODER_EFFECT_PARAMETERS = {
-    "sensor_delay": ("sensor_delay",),
-    "encoder_bias": ("encoder_bias",),
-    "encoder_eccentricity": ("eccentricity_sine", "eccentricity_cosine"),
-}
+ANGLE_TERMS = ("constant", "joint_sine", "joint_cosine")  # errors of an encoder that a torque by angle would look like
 
 
 @dataclass(frozen=True)
 class DirectEvidence:
-    """An effect that is present: ``name`` (effect@joint), its parameters with their values in SI, and the ``share`` of
-    the error without it that remains with it (1)."""
+    """An effect that is present.
+
+    ``name`` is effect@joint, ``parameters`` has their values in SI, ``remaining_share`` is the share of the error
+    without it that remains with it (1). ``resembles_torque``: an unknown torque could show in the same way.
+    """
 
     name: str
     parameters: Mapping[str, float]
     remaining_share: float
+    resembles_torque: bool = False
 
     @property
     def content(self) -> dict[str, Any]:
@@ -64,7 +65,7 @@ def find_direct_evidence(arm: Arm, record: WindowedRecord) -> list[DirectEvidenc
     """
     found = [*_find_input_effects(arm, record)]
     for apart in read_encoder_differences(arm, record):
-        found += _find_encoder_effects(add_motor_torque(apart))
+        found += _find_encoder_effects(arm.effects, add_motor_torque(apart))
     return [one for one in found if one.remaining_share < DIRECT_EVIDENCE_SHARE]
 
 
@@ -83,7 +84,7 @@ def add_direct_evidence(decision: Decision, found: Sequence[DirectEvidence]) -> 
         The decision with these effects, or the same one where it has them all.
 
     """
-    added = [one for one in found if not _is_already_explained(one.name, decision)]
+    added = [one for one in found if not _is_already_explained(one, decision)]
     if not added:
         return decision
     strange = tuple(name for name in decision.verdict if name.startswith("unknown@"))
@@ -109,7 +110,7 @@ def add_direct_evidence(decision: Decision, found: Sequence[DirectEvidence]) -> 
     )
 
 
-def _is_already_explained(name: str, decision: Decision) -> bool:
+def _is_already_explained(one: DirectEvidence, decision: Decision) -> bool:
     """Whether the verdict has the effect, or another one that shows at the same place.
 
     For an effect of the input that is another effect of the same input. For an effect of a joint's encoder it is an
@@ -117,11 +118,11 @@ def _is_already_explained(name: str, decision: Decision) -> bool:
     varies with the angle would look alike.
     """
     places = {atom.name: atom.place for atom in decision.best.sensitivities.candidates.members}
-    effect, _, joint = name.partition("@")
+    joint = one.name.partition("@")[2]
     here = [other for other in decision.verdict if other.partition("@")[2] == joint]
-    if places.get(name) == "input":
+    if places.get(one.name) == "input":
         return any(places.get(other) == "input" for other in here)
-    torque = effect != "sensor_delay" and f"unknown@{joint}" in here
+    torque = one.resembles_torque and f"unknown@{joint}" in here
     return torque or any(places.get(other) in PLACES_BETWEEN_ENCODERS for other in here)
 
 
@@ -152,14 +153,14 @@ def add_motor_torque(one: EncoderDifference) -> EncoderDifference:
     return replace(one, load_terms=np.column_stack([one.load_terms, one.motor_terms]))
 
 
-def _find_encoder_effects(one: EncoderDifference) -> Iterator[DirectEvidence]:
-    """Effects of the joint's encoder, each with the ratio of the torsion's residual with and without it."""
+def _find_encoder_effects(effects: EffectCatalogue, one: EncoderDifference) -> Iterator[DirectEvidence]:
+    """Effects of the joint's encoder, from its reading back along the signal chain, each with the ratio of the
+    torsion's residual with and without it."""
     every = np.ones(len(one.parameters), bool)
-    names, whole = [q.name for q in one.parameters], one.regress_terms(every, one.loaded_rows)
+    whole = one.regress_terms(every, one.loaded_rows)
     left = _cross_validate_residual(one, every)
-    for effect, amplitudes in ENCODER_EFFECT_PARAMETERS.items():
-        wanted = {f"{a}_{one.joint}" for a in amplitudes}
-        own = np.array([name in wanted for name in names])
+    for effect in (name for name in reversed(tuple(effects)) if effects[name].place == "sensor"):
+        own = np.array([q.effect == effect for q in one.parameters])
         if not own.any():
             continue
         usual = [q.typical or np.inf for q, chosen in zip(one.parameters, own, strict=True) if chosen]
@@ -167,7 +168,9 @@ def _find_encoder_effects(one: EncoderDifference) -> Iterator[DirectEvidence]:
             continue
         sizes = zip(one.parameters, whole, own, strict=False)
         parameters = {q.name: min(max(float(value), q.low), q.high) for q, value, chosen in sizes if chosen}
-        yield DirectEvidence(f"{effect}@{one.joint}", parameters, left / _cross_validate_residual(one, ~own))
+        share = left / _cross_validate_residual(one, ~own)
+        alike = all(q.encoder_term in ANGLE_TERMS for q, chosen in zip(one.parameters, own, strict=True) if chosen)
+        yield DirectEvidence(f"{effect}@{one.joint}", parameters, share, alike)
 
 
 def _cross_validate_residual(one: EncoderDifference, which: Mask) -> float:

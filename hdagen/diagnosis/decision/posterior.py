@@ -13,10 +13,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from hdagen.arm.effect_catalogue import EffectTraits
 from hdagen.diagnosis.decision import calibration
 from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE
 from hdagen.diagnosis.inference.local_fit import Fit
-from hdagen.diagnosis.inference.multiple_shooting import Rollout
+from hdagen.diagnosis.inference.rollout import Rollout
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
 PRIOR_NO_EFFECT = 0.5  # prior probability of no effect
@@ -43,9 +44,6 @@ PLACES_BETWEEN_ENCODERS = ("transmission", "link", "sensor")
 FORM_CORRECTION_SHARE = (
     0.2  # of the gain of effects, that another one of their kind may bring which makes up for their formula
 )
-ACCUMULATING_STATES = {
-    "thermal_friction": "warmth"
-}  # effects that come over time, and the state that says how far one is there
 SURE_BELOW = 0.1  # probability of what else it may be, above which a verdict is not sure
 NO_EFFECT_THRESHOLD = (
     1 / 3
@@ -148,11 +146,11 @@ def _measure_accumulated_share(k: int, fit: Fit) -> float:
     A large effect that grows slowly, or at high speed alone, shows as little as a small one that acts at once.
     """
     atom, shooting, point = fit.sensitivities.candidates.members[k], fit.sensitivities.shooting, fit.sensitivities.point
-    if atom.effect not in ACCUMULATING_STATES:
+    if atom.traits.accumulating_state is None:
         return 1.0
     memory = shooting.predict_with_memory(Rollout(point.p, point.initial_states))[1]
     own = shooting.arm.state_names[-memory.shape[1] :]
-    return float(np.abs(memory[:, own.index(f"{ACCUMULATING_STATES[atom.effect]}_{atom.joint}")]).max())
+    return float(np.abs(memory[:, own.index(f"{atom.traits.accumulating_state}_{atom.joint}")]).max())
 
 
 def score_hypotheses(
@@ -203,10 +201,10 @@ def score_hypotheses(
         ] - MOST_EVIDENCE_DEFICIT:
             weight[more] += weight[names]
             weight[names] = 0.0
-    place = {atom.name: atom.place for fit in fits.values() for atom in fit.sensitivities.candidates.members}
+    traits = {atom.name: atom.traits for fit in fits.values() for atom in fit.sensitivities.candidates.members}
     seen = {fit: _relate_to_least_sizes(fit) for fit in set(stands.values())}
     for names in sorted(stands, key=len, reverse=True):
-        less = _drop_negligible(names, seen[stands[names]], evidence, place)
+        less = _drop_negligible(names, seen[stands[names]], evidence, traits)
         if less != names:
             weight[less if less in weight else ()] += weight[names]
             weight[names] = 0.0
@@ -308,7 +306,7 @@ def _drop_negligible(
     names: tuple[str, ...],
     size: Mapping[str, float],
     evidence: Mapping[tuple[str, ...], float],
-    place: Mapping[str, str],
+    traits: Mapping[str, EffectTraits],
 ) -> tuple[str, ...]:
     """The set without effects too small to count, ``size`` being in multiples of the least that does.
 
@@ -317,7 +315,7 @@ def _drop_negligible(
     large = tuple(name for name in names if size[name] >= 1.0)
     for name in large if large == names else ():
         rest = tuple(n for n in names if n != name)
-        alike = [n for n in rest if _are_interchangeable(name, n, place)]
+        alike = [n for n in rest if _are_interchangeable(name, n, traits)]
         without = tuple(n for n in rest if n not in alike)
         least = FORM_CORRECTION_SHARE * (evidence.get(rest, np.inf) - evidence.get(without, evidence[()]))
         if alike and evidence[names] - evidence.get(rest, -np.inf) < least:
@@ -325,14 +323,16 @@ def _drop_negligible(
     return large
 
 
-def _are_interchangeable(one: str, other: str, place: Mapping[str, str]) -> bool:
+def _are_interchangeable(one: str, other: str, traits: Mapping[str, EffectTraits]) -> bool:
     """Whether both effects act between the encoders of the same joint, or are friction of the same motor.
 
     No machine has exactly the formula of either. A wall acts beyond one angle alone, and corrects no gear's formula.
     """
-    gear = {place[n] in PLACES_BETWEEN_ENCODERS and not n.startswith("contact@") for n in (one, other)}
-    friction = {"_friction@" in n for n in (one, other)}
-    return one.partition("@")[2] == other.partition("@")[2] and {True} in (gear, friction)
+    if one.partition("@")[2] != other.partition("@")[2]:
+        return False
+    both = (traits[one], traits[other])
+    in_gear = all(effect.place in PLACES_BETWEEN_ENCODERS and not effect.walls for effect in both)
+    return in_gear or all(effect.is_friction for effect in both)
 
 
 def _compute_prior(effects: int, count: int) -> float:

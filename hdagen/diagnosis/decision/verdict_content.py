@@ -21,10 +21,6 @@ from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_order import first_with_columns
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
-TILT_EQUIVALENTS = {
-    "tilt_x": "gravity_x",
-    "tilt_y": "gravity_y",
-}  # a small tilt of the base, and the gravity it is equal to
 PRESENT_FROM_DEVIATIONS = (
     2.0  # standard deviations of one of several sizes of an effect, from which it counts as present
 )
@@ -62,7 +58,8 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
         if name in decision.verdict and name in told.columns and not decision.is_long_horizon:
             others += told.find_confusable(name)
         others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
-        causes.append(_describe_cause(name, likely[name], _list_parameters(name, decision), others))
+        experiments = suggest_experiments(best.sensitivities.shooting.arm.effects, name, others)
+        causes.append(_describe_cause(name, likely[name], _list_parameters(name, decision), others, experiments))
     return {
         "schema": SCHEMA,
         "verdict": list(decision.verdict),
@@ -120,7 +117,9 @@ def _list_parameters(name: str, decision: Decision) -> dict[str, Any]:
     return {key: {"value": value, "std": None, "unit": described[key].unit, "end": None} for key, value in read_off}
 
 
-def _describe_cause(name: str, probability: float, parameters: dict[str, Any], confounded: list[str]) -> dict[str, Any]:
+def _describe_cause(
+    name: str, probability: float, parameters: dict[str, Any], confounded: list[str], experiments: str
+) -> dict[str, Any]:
     """A candidate that was tried, as an entry of `causes`."""
     effect, _, joint = name.partition("@")
     suffix = ""
@@ -132,7 +131,7 @@ def _describe_cause(name: str, probability: float, parameters: dict[str, Any], c
         "probability": probability,
         "parameters": {key.removesuffix(suffix): value for key, value in parameters.items()},
         "confounded_with": confounded,
-        "separate_by": suggest_experiments(name, confounded),
+        "separate_by": experiments,
     }
 
 
@@ -210,7 +209,7 @@ def state_effects(decision: Decision) -> StatedEffects:
 
     """
     known = [name for name in decision.verdict if not name.startswith("unknown@")]
-    causes = [_describe_cause(name, 1.0, _list_parameters(name, decision), []) for name in known]
+    causes = [_describe_cause(name, 1.0, _list_parameters(name, decision), [], "") for name in known]
     return StatedEffects(decision.verdict, tuple(causes))
 
 
@@ -227,7 +226,7 @@ def build_hypothetical_verdict(fit: Fit, names: Sequence[str]) -> verdict.Verdic
     """
     there = [name for name in names if name in fit.names]
     atoms = {fit.sensitivities.candidates.members[k].name: k for k in fit.effects}
-    causes = [_describe_cause(name, 1.0, estimate_parameters(fit, atoms[name]), []) for name in there]
+    causes = [_describe_cause(name, 1.0, estimate_parameters(fit, atoms[name]), [], "") for name in there]
     return StatedEffects(tuple(there), tuple(causes)).build_verdict(estimate_base_parameters(fit))
 
 
@@ -252,8 +251,11 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
         for _, c in free
         if c.in_every_hypothesis and described[c.parameter].tolerance > 0
     }
-    for c in (c for _, c in free if c.parameter in TILT_EQUIVALENTS and c.parameter in spread):
-        gravity = described[TILT_EQUIVALENTS[c.parameter]]
+    for c in (c for _, c in free if c.parameter in spread):
+        equivalent = described[c.parameter].equivalent
+        if equivalent is None:
+            continue
+        gravity = described[equivalent]
         one = found.get(gravity.name) or _describe_estimate(best, gravity, places[gravity.name], 0.0)
         leaned = float(best.sensitivities.point.p[c.index]) - described[c.parameter].nominal
         one |= {"value": one["value"] + leaned, "std": math.hypot(one["std"], spread[c.parameter])}

@@ -22,7 +22,8 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.diagnosis.data.split import LogPortion, Mask
 from hdagen.diagnosis.inference.multiple_shooting import DRIVE_QUANTITIES
-from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
+from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
+from hdagen.diagnosis.residuals.torque_balance import TorqueBalance
 from hdagen.log.column_map import name_command_channel
 from hdagen.log.measured_log import Log
 from hdagen.prediction.driving_inputs import read_driving_inputs
@@ -99,19 +100,19 @@ def fit_nonparametric_baseline(arm: Arm, shown: LogPortion, held_out: LogPortion
     Source: Rahimi, Recht, NIPS 20 (2007) 1177 (random features).
 
     """
-    seen = held = _make_residual(arm, held_out.log, before)
+    seen = held = _balance_torque(arm, held_out.log, before)
     if shown.log is not held_out.log:
-        seen = _make_residual(arm, shown.log, replay(arm, shown.log))
-    kept = seen.valid & shown.covers(seen.time)
+        seen = _balance_torque(arm, shown.log, replay(arm, shown.log))
+    kept = seen.motion.valid & shown.covers(seen.motion.time)
     raw = _stack_measurements(seen)
     basis = _draw_basis(raw)
     features = basis.compute_features(seen, raw)
-    missing = seen.residual(seen.before)
+    missing = seen.residual(arm.p)
     whole = missing.motor
     if missing.link is not None:
-        whole = missing.motor + missing.link / seen.ratio
+        whole = missing.motor + missing.link / seen.motion.ratio
     maps = [RidgeRegression.fit(features[j][kept], whole[kept, j]) for j in range(arm.n)]
-    currents = [_fit_current_correction(shown, seen.replays[0], name) for name in _name_input_readings(seen)]
+    currents = [_fit_current_correction(shown, seen.motion.replays[0], name) for name in _name_input_readings(seen)]
     fitted = _replay_corrected(seen, currents, [on(x) for on, x in zip(maps, features, strict=True)])
     errors = [_fit_encoder_correction(j, seen, kept, x, fitted) for j, x in enumerate(features, 1)]
     found = fitted
@@ -121,14 +122,14 @@ def fit_nonparametric_baseline(arm: Arm, shown: LogPortion, held_out: LogPortion
     columns = dict(found.columns)
     for j, read in enumerate(errors, 1):
         if read is not None:
-            more = np.interp(held.log.time, held.time, read(features[j - 1]))
+            more = np.interp(held.motion.log.time, held.motion.time, read(features[j - 1]))
             columns[f"joint_position_{j}"] = found.columns[f"joint_position_{j}"] + more
     return replace(found, columns=columns, noise=before.noise)
 
 
-def _make_residual(arm: Arm, log: Log, of: Replay) -> ResidualTorque:
-    """The residual torque of a log on the robot file's model, before and after being the same."""
-    return ResidualTorque(arm, log, (of, of), arm.p, arm.p, {})
+def _balance_torque(arm: Arm, log: Log, of: Replay) -> TorqueBalance:
+    """The torque balance of a log on the robot file's model."""
+    return TorqueBalance(MeasuredMotion(arm, log, (of, of)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,19 +143,19 @@ class FeatureBasis:
     directions: Array
     phases: Array
 
-    def compute_features(self, sight: ResidualTorque, raw: Array) -> list[Array]:
+    def compute_features(self, sight: TorqueBalance, raw: Array) -> list[Array]:
         """The features of each joint (K, F), from the measured quantities ``raw`` (n, K, M)."""
         raw = raw / self.scale
         all_ = np.concatenate(list(raw), 1)
         waves = np.cos(all_ @ self.directions + self.phases)
         found = []
-        for j in range(sight.n):
+        for j in range(sight.motion.n):
             q, v, _, load, u = raw[j].T
             d = np.tanh(v / DIRECTION_SOFTNESS)
-            theta = sight.read_state("motor_position", j + 1)
+            theta = sight.motion.read_state("motor_position", j + 1)
             turns = [part for k in TURN_HARMONICS for part in (np.sin(k * theta), np.cos(k * theta))]
-            angle = sight.read_state("joint_position", j + 1)
-            time = sight.time - sight.time[0]
+            angle = sight.motion.read_state("joint_position", j + 1)
+            time = sight.motion.time - sight.motion.time[0]
             own = [
                 d,
                 d * np.abs(v),
@@ -180,40 +181,40 @@ def _draw_basis(raw: Array) -> FeatureBasis:
     return FeatureBasis(scale, ways, rng.uniform(0, 2 * np.pi, FOURIER_FEATURES))
 
 
-def _stack_measurements(sight: ResidualTorque) -> Array:
+def _stack_measurements(sight: TorqueBalance) -> Array:
     """Angle, speed, acceleration, load and input of each joint (n, K, 5)."""
-    load, inputs = sight.link_torque(sight.before), sight.inputs(sight.before)
+    load, inputs = sight.link_torque(sight.motion.arm.p), sight.inputs(sight.motion.arm.p)
     return np.stack(
         [
             np.column_stack(
                 [
-                    sight.read_state("joint_position", j + 1),
-                    sight.read_state("motor_velocity", j + 1) / sight.ratio[j],
-                    sight.acceleration[1][:, j],
+                    sight.motion.read_state("joint_position", j + 1),
+                    sight.motion.read_state("motor_velocity", j + 1) / sight.motion.ratio[j],
+                    sight.motion.acceleration[1][:, j],
                     load[:, j],
                     inputs[:, j],
                 ]
             )
-            for j in range(sight.n)
+            for j in range(sight.motion.n)
         ]
     )
 
 
-def _replay_corrected(sight: ResidualTorque, currents: list[RidgeRegression | None], torque: list[Array]) -> Replay:
+def _replay_corrected(sight: TorqueBalance, currents: list[RidgeRegression | None], torque: list[Array]) -> Replay:
     """The replay with a further torque (K,) at each motor and with the corrections of the currents.
 
     The current's sensor does not read the further torque; it does read the corrections.
     """
-    arm, log = sight.arm, sight.log
+    arm, log = sight.motion.arm, sight.motion.log
     gains = compute_torque_per_input(arm)
     commands, _ = read_driving_inputs(arm, log, "command")
     columns = {k: v for k, v in log.columns.items() if not k.startswith(("motor_current", "motor_torque"))}
-    shown = dict(sight.replays[0].columns)  # the plain replay, for the readings of its current sensors
+    shown = dict(sight.motion.replays[0].columns)  # the plain replay, for the readings of its current sensors
     names = _name_input_readings(sight)
     for j, (added, flows, name) in enumerate(zip(torque, currents, names, strict=True), 1):
         own = arm.input_names[j - 1]
         command = name_command_channel(own)
-        columns[command] = commands[:, j - 1] + np.interp(log.time, sight.time, added) / gains[j - 1]
+        columns[command] = commands[:, j - 1] + np.interp(log.time, sight.motion.time, added) / gains[j - 1]
         if flows is not None:  # a current that is read in one row flowed in the row before
             beside = flows(_lag_command(log[name_command_channel(name)]))
             acts = beside
@@ -225,11 +226,11 @@ def _replay_corrected(sight: ResidualTorque, currents: list[RidgeRegression | No
     return replace(found, columns={**found.columns, **{name: shown[name] for name in names}})
 
 
-def _name_input_readings(sight: ResidualTorque) -> list[str]:
+def _name_input_readings(sight: TorqueBalance) -> list[str]:
     """The columns of a replay that read each joint's input: a current, or the torque that the log has in its place."""
-    plain = sight.replays[0].columns
+    plain = sight.motion.replays[0].columns
     names = []
-    for j in range(1, sight.n + 1):
+    for j in range(1, sight.motion.n + 1):
         names.append(next(f"{kind}_{j}" for kind in DRIVE_QUANTITIES if f"{kind}_{j}" in plain))
     return names
 
@@ -249,12 +250,12 @@ def _lag_command(command: Array) -> Array:
 
 
 def _fit_encoder_correction(
-    j: int, seen: ResidualTorque, kept: Mask, features: Array, fitted: Replay
+    j: int, seen: TorqueBalance, kept: Mask, features: Array, fitted: Replay
 ) -> RidgeRegression | None:
     """The correction of the encoder of joint j, in rad, against the motor's; None where one of the two is missing."""
     joint, motor = f"joint_position_{j}", f"motor_position_{j}"
-    if joint not in seen.log or motor not in seen.log:
+    if joint not in seen.motion.log or motor not in seen.motion.log:
         return None
-    error = {name: seen.log[name] - fitted.columns[name] for name in (joint, motor)}
-    beside = seen.on_grid(error[joint] - error[motor] / seen.ratio[j - 1])
+    error = {name: seen.motion.log[name] - fitted.columns[name] for name in (joint, motor)}
+    beside = seen.motion.on_grid(error[joint] - error[motor] / seen.motion.ratio[j - 1])
     return RidgeRegression.fit(features[kept], beside[kept])

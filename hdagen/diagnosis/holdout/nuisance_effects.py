@@ -15,7 +15,7 @@ from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
-from hdagen.diagnosis.decision.verdict_content import TILT_EQUIVALENTS, estimate_parameters
+from hdagen.diagnosis.decision.verdict_content import estimate_parameters
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.prediction.window_replay import Replay
 from hdagen.support.parallel import map_in_threads
@@ -51,7 +51,8 @@ def rank_nuisance_effects(
     clear: dict[int, float] = {}
     for k, c in enumerate(words.columns):
         # base parameters go with the verdict, and so does the base's tilt
-        goes_along = c.candidate < 0 or c.parameter in TILT_EQUIVALENTS or described[c.parameter].tolerance > 0
+        q = described[c.parameter]
+        goes_along = c.candidate < 0 or q.equivalent is not None or q.tolerance > 0
         if not goes_along and words.members[c.candidate].name not in best.names:
             told = abs(float(mean[k])) / math.sqrt(covariance[k, k])
             clear[c.candidate] = max(told, clear.get(c.candidate, CLEAR_DEVIATIONS))

@@ -20,6 +20,7 @@ import numpy as np
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
+from hdagen.arm.effect_catalogue import EffectTraits
 
 SPIKE_SCALES = (
     0.05,
@@ -36,30 +37,34 @@ BASE_DEVIATION_LIMIT = 2.0  # tolerances of the robot file, from which a shifted
 LOCAL_STEP = 0.1  # step of a hypothesis' own parameters, about its present point
 COLUMN_STEP = 0.1  # step of every other column: small, as nuisance effects are small; a scan tries large sizes
 LEAST_SHAPE_UNIT = 1e-3  # of a shape parameter's range: its unit where its value is 0
-ORDER_SHAPE = "order"  # in the name of a shape that cannot be found by small steps
-TWIN_EFFECTS = {"current_bias", "asymmetric_friction"}
-FRICTION_MODIFIERS = ("stribeck_friction", "asymmetric_friction", "thermal_friction", "presliding_friction")
-WALL_POSITION_UNIT = 0.02  # rad (or m): unit of a wall's position, which has to be this fine for a hard wall
 SCALE_FREE_UNITS = (
     "N m/rad",
     "N/m",
     "N m s/rad",
     "N s/m",
 )  # units of walls and dampers, whose sizes span orders of magnitude
-SCALE_FREE_PARAMETER = "coulomb_friction"  # a robot file's value that may be a guess, so its size spans them, too
 SHAPE_UNIT_SHARE = 0.5  # of a shape parameter's value: its unit
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect at a joint (0: the whole arm) with fixed shapes; ``first``: they are the default ones."""
+    """An effect at a joint (0: the whole arm) with fixed shapes, which may be the default ones."""
 
-    effect: str
+    traits: EffectTraits
     joint: int
-    place: str
     amplitudes: tuple[str, ...]
     shapes: Mapping[str, float]
     has_default_shapes: bool
+
+    @property
+    def effect(self) -> str:
+        """The effect's name."""
+        return self.traits.name
+
+    @property
+    def place(self) -> str:
+        """The place where the effect acts."""
+        return self.traits.place
 
     @property
     def name(self) -> str:
@@ -74,11 +79,13 @@ class Candidate:
             arm: the compiled model.
 
         """
-        base = arm.parameters.described.get(f"coulomb_friction_{self.joint}")
-        without = self.effect in FRICTION_MODIFIERS and base is not None and not base.nominal
-        if without:
-            return f"coulomb_friction@{self.joint}"
-        return None
+        if self.traits.presupposes is None:
+            return None
+        named = (f"{name}_{self.joint}" for name in arm.effects[self.traits.presupposes].amplitudes)
+        stated = [arm.parameters.described[name].nominal for name in named if name in arm.parameters.described]
+        if not stated or any(stated):
+            return None
+        return f"{self.traits.presupposes}@{self.joint}"
 
     def is_twin_of(self, other: Candidate) -> bool:
         """Tell whether two effects differ at standstill only, so that a hypothesis with both says nothing.
@@ -87,7 +94,7 @@ class Candidate:
             other: the other candidate.
 
         """
-        return self.joint == other.joint and {self.effect, other.effect} == TWIN_EFFECTS
+        return self.joint == other.joint and self.traits.is_twin_of(other.traits)
 
     def apply_shapes(self, arm: Arm, p: Array) -> None:
         """Write the shapes, clipped to their bounds, into the parameters ``p`` (np).
@@ -327,9 +334,10 @@ class CandidateSet:
         ]
         names = list(arm.parameters.described)
         shapes = [name for k in atoms for name in self.members[k].shapes]
-        shapes += [name for k in seen for name in self.members[k].shapes if ORDER_SHAPE not in name]
+        described = arm.parameters.described
+        shapes += [name for k in seen for name in self.members[k].shapes if not described[name].is_motor_order]
         for name in dict.fromkeys(shapes):
-            q = arm.parameters.described[name]
+            q = described[name]
             value = float(p[names.index(name)])
             columns.append(Column(name, names.index(name), value, _shape_unit(q, value), 1.0, -1, True, LOCAL_STEP))
         return replace(focus, columns=tuple(columns))
@@ -337,8 +345,8 @@ class CandidateSet:
 
 def _shape_unit(q: Parameter, value: float) -> float:
     """Choose the unit of a shape parameter that has this value."""
-    if q.name.startswith(("contact_above", "contact_below")):
-        return WALL_POSITION_UNIT
+    if q.search_unit is not None:
+        return q.search_unit
     if q.low >= 0:
         return max(SHAPE_UNIT_SHARE * abs(value), LEAST_SHAPE_UNIT * (q.high - q.low))
     return 0.1 * (q.high - q.low) / 2
@@ -351,4 +359,4 @@ def is_scale_free(parameter: Parameter) -> bool:
         parameter: the parameter.
 
     """
-    return parameter.unit.endswith(SCALE_FREE_UNITS) or parameter.name.startswith(SCALE_FREE_PARAMETER)
+    return parameter.unit.endswith(SCALE_FREE_UNITS) or parameter.is_guess

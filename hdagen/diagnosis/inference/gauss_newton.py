@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.inference.candidate_priors import SLAB_WIDTH, Candidate, CandidateSet, is_scale_free
-from hdagen.diagnosis.inference.linear_gaussian import LinearModel
+from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import ScoredHypothesis, solve_with_scales
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 

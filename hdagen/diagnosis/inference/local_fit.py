@@ -1,4 +1,4 @@
-"""The local fit of one hypothesis: Gauss-Newton steps, with the linear model computed again about each point.
+"""The local fit of one hypothesis: its point, the linear model and the score there, and where it starts.
 
 Every hypothesis starts at the robot file's own numbers. From another hypothesis' optimum it would not find its own: the
 base parameters have moved to replace the effects that the other one lacks, and a curved valley lies between.
@@ -16,16 +16,10 @@ from itertools import combinations
 import numpy as np
 
 from hdagen.arm.arrays import Array
-from hdagen.arm.build_loader import PlantError
-from hdagen.diagnosis.inference.candidate_priors import NUISANCE_LIMIT, CandidateSet
-from hdagen.diagnosis.inference.gauss_newton import (
-    LEAST_EVIDENCE_STEP,
-    compute_hypothesis_widths,
-    descend_gauss_newton,
-    move_to_theta,
-    try_point,
-)
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.gauss_newton import compute_hypothesis_widths, move_to_theta, try_point
 from hdagen.diagnosis.inference.linear_gaussian import TotalNormalEquations
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.marginal_likelihood import (
     Posterior,
     ScoredHypothesis,
@@ -38,7 +32,6 @@ from hdagen.diagnosis.inference.sensitivities import (
     LIKELIHOOD_TEMPERATURE,
     OperatingPoint,
     Sensitivities,
-    compute_sensitivities,
     count_torque_steps,
     select_columns,
 )
@@ -217,7 +210,7 @@ def start_fit(
 
     """
     if start is not None:
-        return _linearize_at(at.shooting, words, atoms, start, near)
+        return start_fit_at(at.shooting, words, atoms, start, near)
     own = select_columns(at, words.columns_for(atoms))
     p = at.point.p.copy()
     for k in atoms:
@@ -225,76 +218,6 @@ def start_fit(
     if not np.array_equal(p, at.point.p):
         own.point = OperatingPoint(p, at.point.initial_states)
     return _score_fit(own, atoms, near)
-
-
-def refit_without(fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit:
-    """Start a hypothesis with fewer effects at the point of a fit, with the others reduced to the largest nuisance
-    size. From the robot file's numbers it may not have found this optimum.
-
-    Args:
-        fit: the fit of the larger hypothesis.
-        words: all candidates.
-        atoms: places of the smaller hypothesis' candidates.
-
-    Returns:
-        The fit before its first step.
-
-    """
-    p = fit.sensitivities.point.p.copy()
-    for c in words.columns:
-        if c.candidate in fit.effects and c.candidate not in atoms:
-            most = NUISANCE_LIMIT * c.spike_width * abs(c.unit)
-            p[c.index] = min(max(p[c.index], c.center - most), c.center + most)
-    point = OperatingPoint(
-        fit.sensitivities.shooting.arm.parameters.clip_to_bounds(p), fit.sensitivities.point.initial_states
-    )
-    return _linearize_at(
-        fit.sensitivities.shooting, words, atoms, point, fit.score.posterior.s, fit.noise_only_evidence
-    )
-
-
-def refit_swapping(fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit:
-    """Start a hypothesis where the linear model of a fit predicts its optimum. Look-alike effects have it there, and
-    from the robot file's numbers the hypothesis may not have found it.
-
-    Args:
-        fit: the fit of another hypothesis.
-        words: all candidates.
-        atoms: places of the hypothesis' candidates.
-
-    Returns:
-        The fit before its first step.
-
-    """
-    at, arm, s = fit.sensitivities, fit.sensitivities.shooting.arm, fit.score.posterior.s
-    point = move_to_theta(at, at.linear_model(), s, fit.optimum_with(atoms))
-    for k in set(atoms) - set(fit.effects):
-        words.members[k].apply_shapes(arm, point.p)
-    return _linearize_at(at.shooting, words, atoms, point, s, fit.noise_only_evidence)
-
-
-def refit_from_start(start: OperatingPoint, fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit:
-    """Start the effects of a fit at the base parameters of another point. Before all effects were in the hypothesis,
-    the base parameters moved in their place, and may be stuck behind a valley.
-
-    Args:
-        start: the point with the base parameters.
-        fit: the fit with the effects' parameters.
-        words: all candidates.
-        atoms: places of the effects' candidates.
-
-    Returns:
-        The fit before its first step.
-
-    """
-    p, names = start.p.copy(), list(fit.sensitivities.shooting.arm.parameters.described)
-    for k in atoms:
-        for name in (*words.members[k].amplitudes, *words.members[k].shapes):
-            p[names.index(name)] = fit.sensitivities.point.p[names.index(name)]
-    point = OperatingPoint(p, fit.sensitivities.shooting.measured_initial_states(p))
-    return _linearize_at(
-        fit.sensitivities.shooting, words, atoms, point, fit.score.posterior.s, fit.noise_only_evidence
-    )
 
 
 def restore_columns(fit: Fit, words: CandidateSet) -> Fit:
@@ -308,7 +231,7 @@ def restore_columns(fit: Fit, words: CandidateSet) -> Fit:
         The fit with its columns.
 
     """
-    return _linearize_at(
+    return start_fit_at(
         fit.sensitivities.shooting,
         words,
         fit.effects,
@@ -342,56 +265,7 @@ def rescale_spikes(fit: Fit, share: float) -> Fit:
     )
 
 
-def advance_fit(fit: Fit, words: CandidateSet) -> Fit:
-    """Take one step and linearize again there: about another point the columns of nuisance effects give a wrong
-    likelihood. A fit has converged where the linear model predicts no gain, where no step improves on the evidence
-    reached, and where a step fails, which is counted.
-
-    Args:
-        fit: the fit; returned as it is if it has converged.
-        words: all candidates.
-
-    Returns:
-        The fit after the step.
-
-    """
-    if fit.has_converged:
-        return fit
-    try:
-        return _advance_unconverged(fit, words)
-    except (PlantError, np.linalg.LinAlgError):
-        fit.sensitivities.shooting.count_failure()
-        return replace(fit, has_converged=True)
-
-
-def _advance_unconverged(fit: Fit, words: CandidateSet) -> Fit:
-    """Take one step of a fit that has not converged."""
-    if fit.predicted_gain < LEAST_EVIDENCE_STEP * fit.misfit_temperature:
-        return replace(fit, has_converged=True)
-    tried: list[Fit] = []
-    shares = [STIFF_TORQUE_SHARE, 1.0]
-    if fit.score.posterior.noise_level > LARGE_NOISE_LEVEL:
-        shares.reverse()
-    for share in shares:
-        there = descend_gauss_newton(fit.sensitivities, fit.effects, fit.score, share)
-        if there is not fit.sensitivities:
-            there.cross_products.drop_caches()
-            tried.append(
-                _linearize_at(
-                    there.shooting, words, fit.effects, there.point, fit.score.posterior.s, fit.noise_only_evidence
-                )
-            )
-            if tried[-1].score.evidence >= fit.score.evidence + LEAST_EVIDENCE_STEP * fit.misfit_temperature:
-                break
-    best = max(tried, key=lambda one: one.score.evidence, default=fit)
-    gain = best.score.evidence - fit.score.evidence
-    if best is fit or best.score.evidence <= fit.evidence_here:
-        fit.sensitivities.cross_products.drop_caches()
-        return replace(fit, has_converged=True)
-    return replace(best, has_converged=abs(gain) < LEAST_EVIDENCE_STEP * fit.misfit_temperature)
-
-
-def _linearize_at(
+def start_fit_at(
     shooting: MultipleShooting,
     words: CandidateSet,
     atoms: tuple[int, ...],
@@ -399,7 +273,20 @@ def _linearize_at(
     near: float,
     clean: float | None = None,
 ) -> Fit:
-    """Start a hypothesis at a point, with all its columns computed there."""
+    """Start the fit of a hypothesis at a point, with all its columns computed there.
+
+    Args:
+        shooting: the record and its model.
+        words: all candidates.
+        atoms: places of the hypothesis' candidates.
+        point: where to linearize.
+        near: size of unexplained torque to start from.
+        clean: log evidence with a residual of noise alone; computed from the columns if it is not known.
+
+    Returns:
+        The fit before its first step.
+
+    """
     return _score_fit(
         compute_sensitivities(shooting, words.columns_near(shooting.arm, atoms, point.p), point), atoms, near, clean
     )

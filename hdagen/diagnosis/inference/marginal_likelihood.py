@@ -27,12 +27,8 @@ from scipy.special import ndtr
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.inference.bounded_least_squares import Bounds, solve_box_qp
 from hdagen.diagnosis.inference.candidate_priors import SLAB_WIDTH, CandidateSet
-from hdagen.diagnosis.inference.linear_gaussian import (
-    ROUNDING_FLOOR,
-    LinearModel,
-    NormalEquations,
-    TotalNormalEquations,
-)
+from hdagen.diagnosis.inference.linear_gaussian import ROUNDING_FLOOR, NormalEquations, TotalNormalEquations
+from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.support.parallel import map_in_threads
 
 TORQUE_GRID = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 41)])  # sizes s, in units of unexplained torque

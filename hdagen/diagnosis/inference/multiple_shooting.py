@@ -18,7 +18,6 @@ once, m positions and velocities of the state.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -35,6 +34,8 @@ from hdagen.arm.ratings import compute_rated_torsion, compute_torque_per_input
 from hdagen.diagnosis.data.required_torque import compute_required_torque
 from hdagen.diagnosis.data.split import Mask
 from hdagen.diagnosis.data.windows import WindowedRecord
+from hdagen.diagnosis.inference.rollout import Rollout, WindowSchedule
+from hdagen.diagnosis.inference.rollout_workspace import Workspace
 from hdagen.prediction.measurement_model import (
     Rows,
     count_mechanical_states,
@@ -63,82 +64,6 @@ DRIVE_AND_POSITION_QUANTITIES = DRIVE_QUANTITIES | {
 }  # readings that depend on inputs or positions alone
 
 
-@dataclass(frozen=True, eq=False)
-class Rollout:
-    """One simulation: parameters (np), initial states (W, m), torque (T, n) added at the motors, N m, and impulses on
-    the links (T, n), N m s, each at its row. ``memory``: effects' own states (K, nx − m) at which the selected windows
-    begin; without them the lane carries these states on from window to window."""
-
-    p: Array
-    initial_states: Array
-    torque: Array | None = None
-    impulse: Array | None = None
-    memory: Array | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class WindowSchedule:
-    """The windows of a lane: ``rows`` of the record that give its inputs, ``many`` of them; ``edges`` of the windows in
-    these rows; ``state_count``: number of rows in windows; ``windows`` of the record; ``seen``: rows in selected
-    windows, among those in windows."""
-
-    rows: Rows | slice
-    row_count: int
-    edges: Rows
-    state_count: int
-    windows: Rows | slice
-    selected_states: Rows | slice
-
-    @classmethod
-    def all_windows(cls, record: WindowedRecord) -> WindowSchedule:
-        """Return the schedule of all windows of a record."""
-        seen = np.searchsorted(record.rows, record.rows_of(record.selected_windows))
-        return cls(slice(None), len(record.time), record.window_edges, len(record.rows), slice(None), seen)
-
-    @classmethod
-    def selected_windows(cls, record: WindowedRecord) -> WindowSchedule:
-        """Return the schedule of the selected windows alone, with a row between them, as no window begins where the one
-        before ends."""
-        first, end = record.starts[record.selected_windows], record.ends[record.selected_windows]
-        rows = np.concatenate([np.append(np.arange(a, b), a) for a, b in zip(first, end, strict=True)])
-        ends = np.cumsum(end - first + 1) - 1
-        return cls(
-            rows,
-            len(rows),
-            np.stack([ends - (end - first), ends], 1),
-            len(rows) - len(ends),
-            record.selected_windows,
-            slice(None),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Workspace:
-    """Working memory of one thread for L lanes: ``inputs`` from each row to the next, ``constants`` (L, nc), and
-    states."""
-
-    inputs: Array
-    constants: Array
-    states: Array
-
-    @classmethod
-    def allocate(cls, arm: Arm, record: WindowedRecord) -> Workspace:
-        """Allocate the memory for lanes of a record on an arm."""
-        shapes = ((len(record.time) + len(record.selected_windows), arm.nu), arm.c.shape, (len(record.rows), arm.nx))
-        lanes = min(arm.module.batch_width, max(1, WORKSPACE_BYTES // (8 * sum(map(math.prod, shapes)))))
-        return cls(*(np.empty((lanes, *shape)) for shape in shapes))
-
-    def buffers_for(self, course: WindowSchedule, lanes: int) -> tuple[Array, Array]:
-        """Return memory for the inputs (L, rows, nu) and the states (L, rows in windows, nx) of ``lanes`` on a
-        course."""
-        inputs = (lanes, course.row_count, self.inputs.shape[2])
-        states = (lanes, course.state_count, self.states.shape[2])
-        return (
-            self.inputs.reshape(-1)[: math.prod(inputs)].reshape(inputs),
-            self.states.reshape(-1)[: math.prod(states)].reshape(states),
-        )
-
-
 @dataclass(eq=False)
 class MultipleShooting:
     """Simulates the lanes of one record on one model; ``rollout_count`` and ``failure_count`` count them."""
@@ -165,7 +90,7 @@ class MultipleShooting:
         self.command = np.ascontiguousarray(record.command[:, : self.arm.n])
         self.workspaces = SimpleQueue()
         for _ in range(THREAD_COUNT):
-            self.workspaces.put(seat := Workspace.allocate(self.arm, record))
+            self.workspaces.put(seat := Workspace.allocate(self.arm, record, WORKSPACE_BYTES))
         self.width = len(seat.inputs)
         self.zero_memory = np.zeros((len(record.selected_windows), self.arm.nx - self.m))
         self.path = delayed_sensors.SampledPath(record.time[self.rows], self.begins)

@@ -1,5 +1,4 @@
-"""The linear model of a record about a point: residuals and their sensitivities to initial states, torques and
-parameters.
+"""Sensitivities of a record about a point: columns of initial states, torques and parameters, and the residual.
 
 Legend: R sampled rows, M channels, C columns; θ parameters in typical sizes
 (`hdagen.diagnosis.inference.candidate_priors`).
@@ -18,8 +17,10 @@ from hdagen.arm.arrays import Array
 from hdagen.diagnosis.data.windows import measure_usual_torque
 from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet, Column
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts
+from hdagen.diagnosis.inference.linear_model import LinearModel
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.rollout import Rollout
 
 TORQUE_STEPS = 16  # steps of unexplained torque in a window, shared by all motors and links: bounds time and memory
 FEWEST_TORQUE_STEPS, FEWEST_ROWS_OF_STEP = 2, 3  # steps for each motor or link, and rows in a step, at least
@@ -157,8 +158,10 @@ class Sensitivities:
         """
         columns, head = self.columns.copy(), self.shooting.m + self.k
         whole = [replace(self.candidates.columns[k], step=1.0) for k in places]
-        lanes = [_step_parameter(self.shooting, self.candidates, self.point, c) for c in whole]
-        columns[[head + k for k in places]] = _finite_differences(self.shooting, self.point, self.residual, lanes)
+        lanes = [step_parameter(self.shooting, self.candidates, self.point, c) for c in whole]
+        columns[[head + k for k in places]] = compute_finite_differences(
+            self.shooting, self.point, self.residual, lanes
+        )
         return replace(self, columns=columns)
 
     def with_visible_columns(self) -> Sensitivities:
@@ -270,35 +273,21 @@ def count_torque_steps(shooting: MultipleShooting) -> int:
     )
 
 
-def compute_sensitivities(shooting: MultipleShooting, words: CandidateSet, point: OperatingPoint) -> Sensitivities:
-    """Linearize a record about a point by one lane for each initial state, step of torque, and parameter.
+def compute_finite_differences(
+    shooting: MultipleShooting, point: OperatingPoint, left: Array, lanes: Sequence[tuple[Rollout, float]]
+) -> Array:
+    """Difference lanes about a point into columns.
 
     Args:
         shooting: the record and its model.
-        words: the parameters.
-        point: where to linearize.
+        point: the point.
+        left: the residual at the point (R, M), in units of noise.
+        lanes: the simulations beside the point, each with its step in units.
 
     Returns:
-        Sensitivities and residual at the point.
+        Columns (C, R M), each over its step; 0 where a lane yields no number.
 
     """
-    read, memory = shooting.predict_with_memory(Rollout(point.p, point.initial_states))
-    point = replace(point, memory=memory)
-    torques = [(lane, 1.0) for lane in _step_torques(shooting, point)]
-    lanes = (
-        _step_initial_states(shooting, point)
-        + torques
-        + [_step_parameter(shooting, words, point, c) for c in words.columns]
-    )
-    left = weigh_residual(shooting, read)  # limited to the channels' ranges: a diverging simulation has no useful slope
-    return Sensitivities(shooting, words, point, _finite_differences(shooting, point, left, lanes), left, len(torques))
-
-
-def _finite_differences(
-    shooting: MultipleShooting, point: OperatingPoint, left: Array, lanes: Sequence[tuple[Rollout, float]]
-) -> Array:
-    """Difference the lanes about a point with residual ``left`` (R, M) into columns (C, R M), each over its step; 0
-    where a lane yields no number."""
     columns = np.zeros((len(lanes), left.size))
     seen = shooting.predict_near(point.rollout, [lane for lane, _ in lanes])
     for column, read, (_, step) in zip(columns, seen, lanes, strict=True):
@@ -336,11 +325,21 @@ def select_columns(at: Sensitivities, words: CandidateSet, nearer: Sensitivities
     return Sensitivities(at.shooting, words, nearer.point, columns, nearer.residual, at.k)
 
 
-def _step_parameter(
+def step_parameter(
     shooting: MultipleShooting, words: CandidateSet, point: OperatingPoint, column: Column
 ) -> tuple[Rollout, float]:
-    """Make a lane with one parameter moved by its step, or as far as the wider side of its bounds allows, and return
-    the step in units. Without any room the lane stays at the point."""
+    """Make a lane with one parameter moved by its step, or as far as the wider side of its bounds allows.
+
+    Args:
+        shooting: the record and its model.
+        words: the candidates that the column belongs to.
+        point: where to linearize.
+        column: the parameter and its step.
+
+    Returns:
+        The lane, and the step in units. Without any room the lane stays at the point.
+
+    """
     described = list(shooting.arm.parameters.described.values())
     q, p = described[column.index], point.p.copy()
     if column.candidate >= 0:
@@ -353,57 +352,3 @@ def _step_parameter(
     step = next((step for step in (column.step, -column.step) if min(room) <= step <= max(room)), max(room, key=abs))
     p[column.index] = min(max(p[column.index] + step * column.unit, q.low), q.high)
     return Rollout(p, point.initial_states), step or column.step
-
-
-def _step_initial_states(shooting: MultipleShooting, point: OperatingPoint) -> list[tuple[Rollout, float]]:
-    """Make a lane for each initial position and velocity."""
-    lanes = []
-    for i, size in enumerate(_initial_state_steps(shooting)):
-        moved = point.initial_states.copy()
-        moved[:, i] += size
-        lanes.append((Rollout(point.p, moved), size))
-    return lanes
-
-
-def _initial_state_steps(shooting: MultipleShooting) -> list[float]:
-    """Choose the step of each initial position and velocity (m)."""
-    arm, record = shooting.arm, shooting.record
-    noise = {(q, j): s for (q, j), s in zip(record.outputs, record.noise, strict=True)}
-    found = []
-    for name in arm.state_names[: shooting.m]:
-        side, quantity, j = name.split("_")
-        ratio = arm.parameters[f"ratio_{j}"]
-        own = noise.get((f"{side}_position", int(j)))
-        if not own and side == "motor":
-            own = noise.get(("joint_position", int(j)), 0.0) * ratio
-        elif not own:
-            own = noise.get(("motor_position", int(j)), 0.0) / ratio
-        size = INITIAL_STATE_STEP * own
-        if quantity != "position":
-            size = size / REACTION_TIME
-        found.append(size)
-    return found
-
-
-def _step_torques(shooting: MultipleShooting, point: OperatingPoint) -> list[Rollout]:
-    """Make a lane for each step of torque in the windows, at each motor and at each link of a flexible joint."""
-    arm, record = shooting.arm, shooting.record
-    units, lanes, steps = measure_torque_units(shooting), [], count_torque_steps(shooting)
-    edges = np.linspace(record.starts, record.ends, steps + 1, axis=1).round().astype(int)
-    part = np.full(len(record.time), -1)  # the step that each row lies in
-    part[record.rows] = np.repeat(np.tile(np.arange(steps), len(edges)), np.diff(edges).reshape(-1))
-    for j in range(1, arm.n + 1):
-        for k in range(steps):
-            torque = np.zeros((len(record.time), arm.n))
-            torque[part == k, j - 1] = units[j - 1]
-            lanes.append(Rollout(point.p, point.initial_states, torque=torque))
-    elapsed = np.append(0.0, np.cumsum(record.time_steps))
-    for j in arm.manifest["flexible"]:
-        unit = units[j - 1] * abs(arm.parameters[f"ratio_{j}"])
-        for first, end in zip(edges[:, :-1].T, edges[:, 1:].T, strict=True):
-            impulse = np.zeros((len(record.time), arm.n))
-            rows = np.linspace(first, end, IMPULSES_OF_STEP, endpoint=False, axis=1).astype(int)
-            kicks = 1 + np.count_nonzero(np.diff(rows), axis=1)
-            impulse[rows, j - 1] = (unit * (elapsed[end] - elapsed[first]) / kicks)[:, None]
-            lanes.append(Rollout(point.p, point.initial_states, impulse=impulse))
-    return lanes

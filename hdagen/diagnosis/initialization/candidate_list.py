@@ -47,9 +47,7 @@ def build_candidates(arm: Arm, suggested: InitialGuess, uncommanded: Collection[
                 _combine_shape_starts([suggested.shapes.get(s, described[s].starts) for s in shapes])
             ):
                 atoms.append(
-                    Candidate(
-                        effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number
-                    )
+                    Candidate(arm.effects[effect["name"]], j, names, dict(zip(shapes, chosen, strict=True)), not number)
                 )
                 columns += [
                     _make_column(described[name], place[name], len(atoms) - 1, not number, suggested) for name in names

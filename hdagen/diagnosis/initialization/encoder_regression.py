@@ -23,19 +23,29 @@ from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.bounded_least_squares import Bounds, solve_box_qp
 from hdagen.log.channel_statistics import UniformGrid
 
-KINEMATIC_ORDERS = (
-    (1, "once"),
-    (2, "twice"),
-    (4, "four"),
-)  # orders of the kinematic error, with the words of its parameters
+MOTOR_WAVE_ORDERS = ((1, "once"), (2, "twice"), (4, "four"))  # waves of the motor angle, with the words of their terms
+WAVE_TERMS = (
+    *("joint_sine", "joint_cosine"),
+    *(f"motor_{part}_{word}" for part in ("sine", "cosine") for _, word in MOTOR_WAVE_ORDERS),
+)
 LEAST_LOAD_SHARE = 0.1  # of its usual torque, from which a joint's torque has a certain sign
 REGRESSION_REWEIGHTINGS = 6  # reweightings of the rows
 WALL_TAIL_GRID = np.geomspace(0.002, 0.3, 60)  # shares of the rows beyond a wall: one wall is tried for each
 WALL_REFINEMENT = 41  # angles tried between the neighbours of the best one
-LARGEST_WAVE = 4.0  # typical sizes: largest eccentricity or kinematic error that the regression finds
+LARGEST_WAVE = 4.0  # typical sizes: largest wave that the regression finds
 COLUMN_RIDGE = 1e-10  # of a column's square: ridge for columns that a hardly moving joint does not separate
 LARGEST_WALL_MISFIT = 0.7  # of the summed residual torque, that a wall must leave at most
 TORSION_LAW_POINTS = 401  # of the torsion law
+
+
+@dataclass(frozen=True, eq=False)
+class JointMotion:
+    """The motion of one joint at T instants: motor angle, joint angle and speed, and the required torque."""
+
+    motor_angle: Array
+    angle: Array
+    speed: Array
+    torque: Array
 
 
 @dataclass(frozen=True)
@@ -126,7 +136,9 @@ def read_encoder_differences(arm: Arm, record: WindowedRecord) -> list[EncoderDi
             continue
         tau = torque[:, j - 1]
         theta, read = (np.interp(grid.time, log.time, log[f"{side}_position_{j}"]) for side in ("motor", "joint"))
-        terms = {name: term for name, term in _encoder_terms(j, theta, q, v, tau).items() if name in described}
+        own = _list_encoder_parameters(arm, j)
+        every = _encoder_terms(JointMotion(theta, q[:, j - 1], v[:, j - 1], tau))
+        terms = {one.name: term for kind, term in every.items() for one in own if one.encoder_term == kind}
         loaded = shown & (np.abs(tau) > LEAST_LOAD_SHARE * float(np.sqrt(np.mean(tau[shown] ** 2))))
         twist = theta / arm.parameters[f"ratio_{j}"] - read
         borne = np.stack([np.interp(tau, *_torsion_law(arm, j)), tau, grid.differentiate(tau)], 1)
@@ -169,7 +181,8 @@ def estimate_from_encoders(arm: Arm, record: WindowedRecord) -> list[EncoderEsti
         borne = one.twist - one.terms @ values[: len(seen)]
         untold = np.interp(borne, law[1], law[0]) - one.torque  # torque that pushes the link back
         sizes, shapes = _find_walls(arm, j, one.angle[one.visible_rows], untold[one.visible_rows])
-        found.append(EncoderEstimate(seen | _split_encoder_bias(j, seen) | sizes, shapes))
+        split = _split_encoder_bias(_list_encoder_parameters(arm, j), seen)
+        found.append(EncoderEstimate(seen | split | sizes, shapes))
     return found
 
 
@@ -180,11 +193,11 @@ def _torsion_law(arm: Arm, j: int) -> tuple[Array, Array]:
 
 
 def _find_walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str, float], dict[str, float]]:
-    """Find the stiffness and angle of a wall above and of one below that explain most of the torque that pushes joint j
-    back, if it stands out and is stiffer than a typical one."""
+    """Find the stiffness and angle of each wall that explains most of the torque that pushes joint j back, if that
+    stands out and the wall is stiffer than a typical one."""
     sizes, shapes = {}, {}
-    for side, sign in (("above", 1.0), ("below", -1.0)):
-        name = f"contact_stiffness_{side}_{j}"
+    for wall in (wall for traits in arm.effects.values() for wall in traits.walls):
+        name, sign = f"{wall.stiffness}_{j}", float(wall.side)
         if name not in arm.parameters.described:
             continue
         usual = arm.parameters.described[name].typical or 0.0
@@ -196,7 +209,7 @@ def _find_walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str
             between, toward, pushed
         )  # few rows tell of the way into a hard wall
         if missed < LARGEST_WALL_MISFIT * most and stiffness > usual:
-            sizes[name], shapes[f"contact_{side}_{j}"] = stiffness, float(sign * between[best])
+            sizes[name], shapes[f"{wall.edge}_{j}"] = stiffness, float(sign * between[best])
     return sizes, shapes
 
 
@@ -219,31 +232,39 @@ def _fit_wall_stiffness(depth: Array, torque: Array) -> tuple[float, float]:
     return stiffness, float(np.abs(torque - stiffness * depth).sum())
 
 
-def _split_encoder_bias(j: int, found: Mapping[str, float]) -> dict[str, float]:
+def _list_encoder_parameters(arm: Arm, j: int) -> list[Parameter]:
+    """The parameters that show between the encoders of joint j."""
+    return [q for q in arm.parameters.described.values() if q.joint == j and q.encoder_term is not None]
+
+
+def _split_encoder_bias(parameters: Sequence[Parameter], found: Mapping[str, float]) -> dict[str, float]:
     """Split the constant between the encoders: an eccentric encoder may cause it where it was set to zero."""
-    bias = found.get(f"encoder_bias_{j}", 0.0)
-    most = math.hypot(found.get(f"eccentricity_sine_{j}", 0.0), found.get(f"eccentricity_cosine_{j}", 0.0))
-    zero = float(np.clip(-bias, -most, most))
-    both = {f"encoder_bias_{j}": bias + zero, f"eccentricity_zero_{j}": zero}
-    if most > 0 and f"encoder_bias_{j}" in found:
-        return both
+    constant = next((q.name for q in parameters if q.encoder_term == "constant" and q.name in found), None)
+    zero_offset = next((q for q in parameters if q.encoder_term == "zero_offset"), None)
+    if constant is None or zero_offset is None:
+        return {}
+    waves = [q.name for q in parameters if q.effect == zero_offset.effect and q is not zero_offset]
+    most = math.hypot(*(found.get(name, 0.0) for name in waves))
+    zero = float(np.clip(-found[constant], -most, most))
+    if most > 0:
+        return {constant: found[constant] + zero, zero_offset.name: zero}
     return {}
 
 
-def _encoder_terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Array]:
-    """Return the change of the motor's angle over the ratio less the joint encoder's reading, for a unit of each
-    parameter."""
-    angle = q[:, j - 1]
+def _encoder_terms(motion: JointMotion) -> dict[str, Array]:
+    """Return the change of the motor's angle over the ratio less the joint encoder's reading, for a unit of a
+    parameter, by the parameter's `encoder_term`."""
+    angle, theta = motion.angle, motion.motor_angle
     terms = {
-        f"encoder_bias_{j}": -np.ones_like(angle),
-        f"eccentricity_sine_{j}": -np.sin(angle),
-        f"eccentricity_cosine_{j}": -np.cos(angle),
-        f"sensor_delay_{j}": v[:, j - 1],
-        f"backlash_angle_{j}": 0.5 * np.sign(tau),
+        "constant": -np.ones_like(angle),
+        "joint_sine": -np.sin(angle),
+        "joint_cosine": -np.cos(angle),
+        "joint_speed": motion.speed,
+        "torque_sign": 0.5 * np.sign(motion.torque),
     }
-    for k, word in KINEMATIC_ORDERS:
-        terms[f"kinematic_sine_{word}_{j}"] = -np.sin(k * theta)
-        terms[f"kinematic_cosine_{word}_{j}"] = -np.cos(k * theta)
+    for k, word in MOTOR_WAVE_ORDERS:
+        terms[f"motor_sine_{word}"] = -np.sin(k * theta)
+        terms[f"motor_cosine_{word}"] = -np.cos(k * theta)
     return terms
 
 
@@ -254,7 +275,7 @@ def _coefficient_bounds(terms: Sequence[Parameter], columns: Array) -> Bounds:
     low, high = -most, most
     for k, q in enumerate(terms):
         reach = np.inf
-        if q.name.startswith(("eccentricity", "kinematic")):
+        if q.encoder_term in WAVE_TERMS:
             reach = LARGEST_WAVE * (q.typical or 0.0)
         low[k], high[k] = max(q.low, -reach), min(q.high, reach)
     return low, high

@@ -21,16 +21,13 @@ from hdagen.prediction.measurement_model import read_joint_angles
 WALL_TAIL_SHARES = (0.005, 0.03, 0.1, 0.25)  # shares of the rows beyond a wall: one wall is tried for each
 INPUT_SIZE_GRID = np.geomspace(0.1, 10.0, 25)  # of an input effect, in typical sizes
 INPUT_SHARE_GRID = np.linspace(0.1, 1.0, 19)  # of an input effect's size, that are tried beside a second input effect
-SCANNED_AT_GUESS = (
-    "sensor_delay",
-    "backlash_angle",
-)  # parameters that the encoders give well enough to step by that size
+SCANNED_TERMS = ("joint_speed", "torque_sign")  # terms between encoders that show a size well enough to step by it
 FRICTION_SHARE = 0.25  # of the usual input: typical dry friction where the robot file states none
 FRICTION_BY_UNIT = {
     "N m": "coulomb_friction",
     "N m s/rad": "viscous_friction",
     "N m s²/rad²": "viscous_friction",
-}  # by unit
+}  # by unit, the key of the drive that says whether the robot file states friction of that kind
 LEAST_SCANNED_GUESS = 0.1  # typical sizes, from which such a step is used
 LARGEST_ERROR_RATIO = 0.99  # of the input's error without the effect: a size with a smaller error is suggested
 
@@ -61,8 +58,8 @@ def guess_from_log(arm: Arm, record: WindowedRecord) -> InitialGuess:
     """
     twisted = estimate_from_encoders(arm, record)
     seen = {name: value for twist in twisted for name, value in twist.sizes.items()}
-    least = {name: LEAST_SCANNED_GUESS * (q.typical or np.inf) for name, q in arm.parameters.described.items()}
-    sized = {name: size for name, size in seen.items() if name.startswith(SCANNED_AT_GUESS) and abs(size) > least[name]}
+    scanned = [q for q in arm.parameters.described.values() if q.encoder_term in SCANNED_TERMS and q.name in seen]
+    sized = {q.name: seen[q.name] for q in scanned if abs(seen[q.name]) > LEAST_SCANNED_GUESS * (q.typical or np.inf)}
     shapes = _wall_positions(arm, record)
     for name, value in (pair for twist in twisted for pair in twist.shapes.items()):
         shapes[name] = (value, *shapes[name])
@@ -92,11 +89,12 @@ def _wall_positions(arm: Arm, record: WindowedRecord) -> dict[str, tuple[float, 
     """List walls near the ends of each joint's range."""
     found: dict[str, tuple[float, ...]] = {}
     angles = read_joint_angles(arm, record.log)
-    for j in range(1, arm.n + 1):
-        if f"contact_above_{j}" in arm.parameters.described:
-            q = angles[record.visible_rows, j - 1]
-            found[f"contact_above_{j}"] = tuple(float(np.quantile(q, 1 - share)) for share in WALL_TAIL_SHARES)
-            found[f"contact_below_{j}"] = tuple(float(np.quantile(q, share)) for share in WALL_TAIL_SHARES)
+    for wall in (wall for traits in arm.effects.values() for wall in traits.walls):
+        shares = [1 - share if wall.side > 0 else share for share in WALL_TAIL_SHARES]
+        for j in range(1, arm.n + 1):
+            if f"{wall.edge}_{j}" in arm.parameters.described:
+                q = angles[record.visible_rows, j - 1]
+                found[f"{wall.edge}_{j}"] = tuple(float(np.quantile(q, share)) for share in shares)
     return found
 
 

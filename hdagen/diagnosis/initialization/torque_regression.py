@@ -30,7 +30,8 @@ from hdagen.diagnosis.inference.candidate_priors import NUISANCE_LIMIT, SLAB_WID
 from hdagen.diagnosis.inference.gauss_newton import place_sizes
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
-from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
+from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
+from hdagen.diagnosis.residuals.torque_balance import TorqueBalance
 from hdagen.support.parallel import map_in_threads
 
 LARGEST_REGRESSED_SET = 4  # effects of a set
@@ -234,12 +235,13 @@ def _stepped_parameters(arm: Arm, words: CandidateSet) -> list[Array]:
 def _balance_torques(arm: Arm, part: LogPortion, points: Sequence[Array]) -> list[list[Array]]:
     """Compute the residual torque of each balance (B) under some parameters (np), at independent instants in which its
     motor slides."""
-    sight = ResidualTorque(arm, part.log, (), arm.p, arm.p, {})
-    seen = sight.valid & part.covers(sight.time)
-    sliding = [np.flatnonzero(seen & sight.is_sliding(j))[:: sight.grid.window_rows] for j in range(1, arm.n + 1)]
+    motion = MeasuredMotion(arm, part.log, ())
+    balance = TorqueBalance(motion)
+    seen = motion.valid & part.covers(motion.time)
+    sliding = [np.flatnonzero(seen & motion.is_sliding(j))[:: motion.grid.window_rows] for j in range(1, arm.n + 1)]
 
     def balances(p: Array) -> list[Array]:
-        missing = sight.residual(p)
+        missing = balance.residual(p)
         sides = [missing.motor]
         if missing.link is not None:
             sides.append(missing.link)

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.arm.arrays import Array
+from hdagen.arm.effect_catalogue import Plot
 from hdagen.diagnosis.residuals.effect_agreement import measure_agreement
-from hdagen.diagnosis.residuals.localization import ResidualTrace, list_regressors, time_since_reversal, trace_residual
+from hdagen.diagnosis.residuals.localization import list_regressors, time_since_reversal
 from hdagen.diagnosis.residuals.regressor_tests import explain_variance
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
+from hdagen.diagnosis.residuals.residual_trace import ResidualTrace, trace_residual
 from hdagen.diagnosis.residuals.spectra import Spectra
 from hdagen.log.column_map import name_command_channel
 from hdagen.pages.curves import Curve, Panel, Plane, Series, draw_panels, draw_planes
@@ -31,24 +33,6 @@ LOOP_SECONDS = 10.0  # s, of torque over torsion: more loops hide each other
 LARGEST_DRAWN_FREQUENCY = 0.1  # of the sampling rate, up to which a response is drawn
 FULL_TURN = 2 * np.pi
 
-SPEED_EFFECTS = (
-    "coulomb_friction",
-    "viscous_friction",
-    "stribeck_friction",
-    "asymmetric_friction",
-    "quadratic_friction",
-)
-INPUT_EFFECTS = ("current_saturation", "voltage_sag", "current_loop_lag", "command_delay")
-TORSION_EFFECTS = (
-    "transmission_hysteresis",
-    "stiffness",
-    "backlash",
-    "joint_damping",
-    "missing_compliance",
-    "kinematic_torsion",
-    "transmission_ratio",
-)
-
 
 @dataclass(frozen=True)
 class Abscissa:
@@ -59,46 +43,53 @@ class Abscissa:
 
 
 def _read_column(quantity: str) -> Callable[[ResidualTorque, int], Array]:
-    return lambda sight, j: sight.read_state(quantity, j)
+    return lambda sight, j: sight.motion.read_state(quantity, j)
 
 
 def _read_acceleration(sight: ResidualTorque, j: int) -> Array:
-    return sight.acceleration[1][:, j - 1]
+    return sight.motion.acceleration[1][:, j - 1]
 
 
 def _read_load(sight: ResidualTorque, j: int) -> Array:
-    return sight.link_torque(sight.after)[:, j - 1]
+    return sight.balance.link_torque(sight.after)[:, j - 1]
 
 
 def _wrap_motor_angle(sight: ResidualTorque, j: int) -> Array:
-    return np.asarray(np.mod(sight.read_state("motor_position", j), FULL_TURN))
+    return np.asarray(np.mod(sight.motion.read_state("motor_position", j), FULL_TURN))
 
 
 def _measure_travel(sight: ResidualTorque, joint: int) -> Array:
     """The motor's travel since its last reversal (K,), rad."""
-    angle, since = sight.read_state("motor_position", joint), time_since_reversal(sight, joint)
-    turned = np.searchsorted(sight.time, sight.time - since - 0.5 * sight.grid.period)
+    angle, since = sight.motion.read_state("motor_position", joint), time_since_reversal(sight, joint)
+    turned = np.searchsorted(sight.motion.time, sight.motion.time - since - 0.5 * sight.motion.grid.period)
     return np.asarray(np.abs(angle - angle[np.clip(turned, 0, len(angle) - 1)]))
 
 
-INPUT_ABSCISSA = Abscissa("motor input ({input})", lambda sight, j: sight.inputs(sight.after)[:, j - 1])
-RESIDUAL_ABSCISSAE = {  # the abscissa of missing torque or angle, by effect
-    "torque_ripple": Abscissa("motor angle within a turn (rad)", _wrap_motor_angle),
-    "kinematic_error": Abscissa("motor angle within a turn (rad)", _wrap_motor_angle),
-    "torque_constant": INPUT_ABSCISSA,
-    "current_bias": Abscissa("motor speed (rad/s)", _read_column("motor_velocity")),
-    "rotor_coupling": Abscissa("acceleration of joint 1 (rad/s²)", lambda sight, j: _read_acceleration(sight, 1)),
-    "payload": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
-    "link_flexibility": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
-    "base_compliance": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
-    "torque_sensor_gain": Abscissa("load (N m)", _read_load),
-    "sensor_delay": Abscissa("joint speed (rad/s)", _read_column("joint_velocity")),
+def _read_first_acceleration(sight: ResidualTorque, j: int) -> Array:
+    return _read_acceleration(sight, 1)
+
+
+def _read_input(sight: ResidualTorque, j: int) -> Array:
+    return sight.balance.inputs(sight.after)[:, j - 1]
+
+
+def _read_time(sight: ResidualTorque, j: int) -> Array:
+    return sight.motion.time - sight.motion.time[0]
+
+
+ABSCISSAE = {  # by the name that an effect's plot gives
+    "first_joint_acceleration": Abscissa("acceleration of joint 1 (rad/s²)", _read_first_acceleration),
+    "joint_acceleration": Abscissa("joint acceleration (rad/s²)", _read_acceleration),
+    "joint_angle": Abscissa("joint angle (rad)", _read_column("joint_position")),
+    "joint_speed": Abscissa("joint speed (rad/s)", _read_column("joint_velocity")),
+    "load": Abscissa("load (N m)", _read_load),
+    "motor_angle": Abscissa("motor angle within a turn (rad)", _wrap_motor_angle),
+    "motor_input": Abscissa("motor input ({input})", _read_input),
+    "motor_speed": Abscissa("motor speed (rad/s)", _read_column("motor_velocity")),
+    "motor_travel": Abscissa("motor angle since the last reversal (rad)", _measure_travel),
+    "time": Abscissa("time (s)", _read_time),
 }
-FRICTION_ABSCISSAE = {  # the abscissa of friction against the motion, by effect
-    "load_dependent_friction": Abscissa("load (N m)", _read_load),
-    "position_dependent_friction": Abscissa("joint angle (rad)", _read_column("joint_position")),
-    "thermal_friction": Abscissa("time (s)", lambda sight, j: sight.time - sight.time[0]),
-}
+BASE_FRICTION_KEYS = ("coulomb_friction", "viscous_friction")  # the friction of a motor that a robot file states
 ROBOT_FILE_WORDS = "the robot file's"
 LARGEST_DRAWN_TRAVEL = 2.0  # rad, travel of the motor after a reversal that is drawn
 
@@ -116,23 +107,28 @@ def draw_effect(sight: ResidualTorque, entry: str, place: str) -> list[str]:
 
     """
     effect, _, number = entry.partition("@")
-    joints = list(range(1, sight.n + 1))
+    joints = list(range(1, sight.motion.n + 1))
     if int(number):
         joints = [int(number)]
     if effect in ("unknown", "none"):
         return [_plot_unknown(sight, place, joint) for joint in joints]
-    if effect in INPUT_EFFECTS:
-        return [figure for joint in joints for figure in _plot_input(sight, entry, joint)]
-    if effect in (*SPEED_EFFECTS, "presliding_friction"):
-        return [_plot_friction(sight, entry, joint) for joint in joints]
-    if effect in FRICTION_ABSCISSAE:
-        return [_plot_friction_dependence(sight, entry, joint) for joint in joints]
-    if effect in TORSION_EFFECTS and sight.has_both_sides:
-        return [_plot_torsion_loop(sight, entry, joint) for joint in joints]
-    if effect in TORSION_EFFECTS:
-        return [_plot_response(sight, entry, joint) for joint in joints]
-    over = RESIDUAL_ABSCISSAE.get(effect, Abscissa("joint angle (rad)", _read_column("joint_position")))
-    return [_plot_residual(sight, entry, place, over, joints)]
+    plot = sight.motion.arm.effects[effect].plot
+    if plot.kind == "residual":
+        return [_plot_residual(sight, entry, place, ABSCISSAE[plot.abscissa], joints)]
+    return [figure for joint in joints for figure in _plot_joint(sight, entry, plot, joint)]
+
+
+def _plot_joint(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> list[str]:
+    """The figures of an effect at one joint, by the kind that its plot gives."""
+    if plot.kind == "input":
+        return _plot_input(sight, entry, plot, joint)
+    if plot.kind == "friction":
+        return [_plot_friction(sight, entry, plot, joint)]
+    if plot.kind == "friction_beyond_base":
+        return [_plot_friction_dependence(sight, entry, ABSCISSAE[plot.abscissa], joint)]
+    if sight.motion.has_both_sides:
+        return [_plot_torsion_loop(sight, entry, joint)]
+    return [_plot_response(sight, entry, joint)]
 
 
 def _plot_residual(sight: ResidualTorque, entry: str, place: str, over: Abscissa, joints: Sequence[int]) -> str:
@@ -142,12 +138,12 @@ def _plot_residual(sight: ResidualTorque, entry: str, place: str, over: Abscissa
         seen = trace_residual(sight, place, joint, entry)
         clear = np.ones(len(seen.effect_part), bool)
         if seen.quantity.endswith(f"motor {joint}"):
-            clear = sight.is_sliding(joint)[seen.instants]
+            clear = sight.motion.is_sliding(joint)[seen.instants]
         x, adds, left = over.values(sight, joint)[seen.instants][clear], seen.effect_part[clear], seen.after[clear]
         label = f"{_name_residual(seen)} ({seen.unit})"
         shown.append(Plane(_draw_points_and_fit(x, left + adds, adds), f"joint {joint}"))
         points, added = [*points, left + adds], [*added, adds]
-    x_label = over.label.replace("{input}", sight.input_unit(1))
+    x_label = over.label.replace("{input}", sight.motion.input_unit(1))
     caption = f"{RESIDUAL_CAPTION} {measure_agreement(np.concatenate(points), np.concatenate(added)).describe()}"
     return draw_planes(
         _write_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=caption
@@ -209,22 +205,20 @@ def average_in_bins(x: Array, y: Array, split: bool = False) -> tuple[Array, Arr
     return middle, mean
 
 
-def _plot_friction(sight: ResidualTorque, entry: str, joint: int) -> str:
+def _plot_friction(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> str:
     """All friction of a motor over speed, or over the travel since a reversal."""
-    effect, j, ok = entry.partition("@")[0], joint - 1, sight.valid & sight.is_sliding(joint)
-    bare, by_speed = sight.parameters_without(entry), effect in SPEED_EFFECTS
-    names = list(sight.arm.parameters.described)
-    for name in ("coulomb_friction", "viscous_friction"):
+    over, j, ok = ABSCISSAE[plot.abscissa], joint - 1, sight.motion.valid & sight.motion.is_sliding(joint)
+    bare, by_speed = sight.parameters_without(entry), plot.abscissa == "motor_speed"
+    names = list(sight.motion.arm.parameters.described)
+    for name in BASE_FRICTION_KEYS:
         bare[names.index(f"{name}_{joint}")] = 0.0
-    fit = -sight.effect_torque(sight.after, bare).motor[ok, j]
-    left = -sight.residual(sight.after).motor[ok, j]
-    robot = fit + sight.effect_torque(sight.after, _restore_file_friction(sight, bare, joint)).motor[ok, j]
-    if by_speed:
-        label, y_label = "motor speed (rad/s)", "friction torque (N m)"
-        x, side = sight.read_state("motor_velocity", joint)[ok], np.ones(len(fit))
-    else:
-        label, y_label = "motor angle since the last reversal (rad)", "friction against the motion (N m)"
-        x, side = _measure_travel(sight, joint)[ok], sight.direction[ok, j]
+    fit = -sight.balance.effect_torque(sight.after, bare).motor[ok, j]
+    left = -sight.balance.residual(sight.after).motor[ok, j]
+    robot = fit + sight.balance.effect_torque(sight.after, _restore_file_friction(sight, bare, joint)).motor[ok, j]
+    x, side, y_label = over.values(sight, joint)[ok], np.ones(len(fit)), "friction torque (N m)"
+    if not by_speed:
+        side, y_label = sight.motion.direction[ok, j], "friction against the motion (N m)"
+    if plot.abscissa == "motor_travel":
         near = x <= LARGEST_DRAWN_TRAVEL
         x, side, fit, left, robot = x[near], side[near], fit[near], left[near], robot[near]
     curves = _draw_points_and_fit(x, (fit + left) * side, fit * side, by_speed)
@@ -232,7 +226,7 @@ def _plot_friction(sight: ResidualTorque, entry: str, joint: int) -> str:
     return draw_planes(
         _write_title(entry),
         [Plane(curves, f"motor {joint}")],
-        x_label=label,
+        x_label=over.label,
         y_label=y_label,
         equal=False,
         caption=(
@@ -244,12 +238,12 @@ def _plot_friction(sight: ResidualTorque, entry: str, joint: int) -> str:
     )
 
 
-def _plot_friction_dependence(sight: ResidualTorque, entry: str, joint: int) -> str:
+def _plot_friction_dependence(sight: ResidualTorque, entry: str, over: Abscissa, joint: int) -> str:
     """Friction beyond Coulomb's and the viscous one, over the quantity that the effect depends on."""
-    over, j, ok = FRICTION_ABSCISSAE[entry.partition("@")[0]], joint - 1, sight.valid & sight.is_sliding(joint)
-    side = sight.direction[ok, j]
-    fit = -sight.effect_torque(sight.after, sight.parameters_without(entry)).motor[ok, j] * side
-    left = -sight.residual(sight.after).motor[ok, j] * side
+    j, ok = joint - 1, sight.motion.valid & sight.motion.is_sliding(joint)
+    side = sight.motion.direction[ok, j]
+    fit = -sight.balance.effect_torque(sight.after, sight.parameters_without(entry)).motor[ok, j] * side
+    left = -sight.balance.residual(sight.after).motor[ok, j] * side
     return draw_planes(
         _write_title(entry),
         [Plane(_draw_points_and_fit(over.values(sight, joint)[ok], fit + left, fit), f"motor {joint}")],
@@ -263,8 +257,8 @@ def _plot_friction_dependence(sight: ResidualTorque, entry: str, joint: int) -> 
 
 def _restore_file_friction(sight: ResidualTorque, bare: Array, joint: int) -> Array:
     """``bare`` with Coulomb and viscous friction as in the robot file."""
-    p, names = bare.copy(), list(sight.arm.parameters.described)
-    for name in ("coulomb_friction", "viscous_friction"):
+    p, names = bare.copy(), list(sight.motion.arm.parameters.described)
+    for name in BASE_FRICTION_KEYS:
         place = names.index(f"{name}_{joint}")
         p[place] = sight.before[place]
     return p
@@ -272,28 +266,29 @@ def _restore_file_friction(sight: ResidualTorque, bare: Array, joint: int) -> Ar
 
 def _plot_torsion_loop(sight: ResidualTorque, entry: str, joint: int) -> str:
     """Torque over torsion where that goes furthest: the torque that the links require, and the models' torques."""
-    j, ok = joint - 1, np.flatnonzero(sight.valid)
-    torsion = sight.smooth(
-        (sight.read_state("motor_position", joint) / sight.ratio[j] - sight.read_state("joint_position", joint))[
-            :, None
-        ]
+    j, ok = joint - 1, np.flatnonzero(sight.motion.valid)
+    torsion = sight.motion.smooth(
+        (
+            sight.motion.read_state("motor_position", joint) / sight.motion.ratio[j]
+            - sight.motion.read_state("joint_position", joint)
+        )[:, None]
     )[:, 0]
-    parts = np.array_split(ok, max(1, round(np.ptp(sight.time[ok]) / LOOP_SECONDS)))
+    parts = np.array_split(ok, max(1, round(np.ptp(sight.motion.time[ok]) / LOOP_SECONDS)))
     ok = max(parts, key=lambda part: np.ptp(torsion[part]))
     stretch = ""
     if len(parts) > 1:
         stretch = f", where that goes furthest in {LOOP_SECONDS:g} s"
-    torsion, needed = torsion[ok], sight.link_torque(sight.after)[ok, j]
+    torsion, needed = torsion[ok], sight.balance.link_torque(sight.after)[ok, j]
     curves = [Curve("log", torsion, needed, color="grey", dash="solid", width=5.0)]
     lacks = list[Array]()
     for label, p, color, dash in (
         ("robot file", sight.before, "green", "dotted"),
         ("model with the effect", sight.after, "vermilion", "solid"),
     ):
-        link = sight.residual(p).link
+        link = sight.balance.residual(p).link
         assert link is not None  # both sides are measured here
         lacks.append(link[ok, j])
-        curves.append(Curve(label, torsion, sight.link_torque(p)[ok, j] - link[ok, j], color=color, dash=dash))
+        curves.append(Curve(label, torsion, sight.balance.link_torque(p)[ok, j] - link[ok, j], color=color, dash=dash))
     return draw_planes(
         _write_title(entry),
         [Plane(curves, f"joint {joint}")],
@@ -308,9 +303,9 @@ def _plot_torsion_loop(sight: ResidualTorque, entry: str, joint: int) -> str:
 
 def _plot_response(sight: ResidualTorque, entry: str, joint: int) -> str:
     """The spectrum of the replay error, where a joint has one encoder and its torsion is not measured."""
-    log, period = sight.log, sight.grid.period
+    log, period = sight.motion.log, sight.motion.grid.period
     name = next(n for side in ("motor", "joint") if (n := f"{side}_position_{joint}") in log)
-    errors = [sight.on_grid(log[name] - replay.columns[name]) for replay in sight.replays]
+    errors = [sight.motion.on_grid(log[name] - replay.columns[name]) for replay in sight.motion.replays]
     found = [Spectra.from_series(error, period) for error in errors]
     shown = (found[0].frequency > 0) & (found[0].frequency <= LARGEST_DRAWN_FREQUENCY / period)
     drawn = [
@@ -327,13 +322,13 @@ def _plot_response(sight: ResidualTorque, entry: str, joint: int) -> str:
     )
 
 
-def _plot_input(sight: ResidualTorque, entry: str, joint: int) -> list[str]:
+def _plot_input(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> list[str]:
     """Current or torque over time, where the effect changes most, and over its command."""
-    if not sight.has_measured_input(joint):
-        return [_plot_residual(sight, entry, "motor", Abscissa("motor input", INPUT_ABSCISSA.values), [joint])]
-    shown = [sight.simulate_inputs(p)[1][:, joint - 1] for p in (sight.before, sight.after)]
-    name, log = sight.arm.input_names[joint - 1], sight.log
-    word, unit = sight.input_word(joint), sight.input_unit(joint)
+    if not sight.motion.has_measured_input(joint):
+        return [_plot_residual(sight, entry, "motor", Abscissa("motor input", _read_input), [joint])]
+    shown = [sight.balance.simulate_inputs(p)[1][:, joint - 1] for p in (sight.before, sight.after)]
+    name, log = sight.motion.arm.input_names[joint - 1], sight.motion.log
+    word, unit = sight.motion.input_word(joint), sight.motion.input_unit(joint)
     command, measured = log[name_command_channel(name)], log[name]
     rows = max(round(SCENE_SECONDS / log.period), 20)
     change = np.convolve(np.abs(shown[1] - shown[0])[SETTLING_ROWS:], np.ones(rows), "valid")
@@ -352,7 +347,7 @@ def _plot_input(sight: ResidualTorque, entry: str, joint: int) -> list[str]:
     )
     x, before, after = command, np.zeros(len(command)), shown[1]
     x_label, y_label, hint = f"command ({unit})", f"{word} ({unit})", ""
-    if entry.startswith(("command_delay", "current_loop_lag")):
+    if plot.abscissa == "command_rate":
         x, before = np.gradient(command, log.time), shown[0]
         x_label, y_label = f"rate of the command ({unit}/s)", f"measured less undelayed {word} ({unit})"
         hint = "The slope is the delay, s, with its sign reversed. "

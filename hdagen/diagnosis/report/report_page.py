@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.adoption.verdict import is_uninformed
+from hdagen.arm.effect_catalogue import EffectCatalogue
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.inference.candidate_priors import PRESENT_SIZE
 from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
@@ -50,7 +51,7 @@ def write_report(diagnosis: DiagnosisResult, path: Path, again: str) -> None:
         write_verdict(content),
         [
             show_gap(content),
-            _show_candidates(content),
+            _show_candidates(sight.motion.arm.effects, content),
             *_show_location(sight, content),
             show_signals(held.portion, held.before, diagnosis.after),
             _show_parameters(sight, content),
@@ -62,7 +63,7 @@ def write_report(diagnosis: DiagnosisResult, path: Path, again: str) -> None:
     )
 
 
-def _show_candidates(content: dict[str, Any]) -> Section:
+def _show_candidates(effects: EffectCatalogue, content: dict[str, Any]) -> Section:
     """The hypotheses: on held-out motion, by probability, and the effects that the log shows or would not show."""
     rows = [[_name_effects(h["effects"]) or "none", h["probability"]] for h in content["hypotheses"]]
     named = min(max(sum(float(r[1]) >= LEAST_LISTED_PROBABILITY for r in rows), 3), 2 * MOST_DRAWN_CANDIDATES)
@@ -79,7 +80,7 @@ def _show_candidates(content: dict[str, Any]) -> Section:
     text = (
         "Every effect of the model was tried on every joint, with the base parameters refitted within their tolerance"
         f" and every other effect within a small size. An effect below {100 * PRESENT_SIZE:g} % of its usual size"
-        f" counts as none.{_explain_long_horizon(content)}\n\n{explain_confounding(content)}"
+        f" counts as none.{_explain_long_horizon(content)}\n\n{explain_confounding(effects, content)}"
     )
     if unseen := content["undetectable"]:
         this = "This"
@@ -259,7 +260,7 @@ def _show_parameters(sight: ResidualTorque, content: dict[str, Any]) -> Section:
 
 def _make_row(sight: ResidualTorque, name: str, estimate: dict[str, Any]) -> list[str | float | None]:
     """A row of the table of parameters."""
-    q = sight.arm.parameters.described.get(name)
+    q = sight.motion.arm.parameters.described.get(name)
     std, unit = estimate.get("std"), estimate.get("unit", "")
     if q is None:
         return [name, None, None, estimate["value"], std, unit, None, "–"]

@@ -6,8 +6,8 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.data_quality.rank_check import find_resolved_orders
-from hdagen.diagnosis.residuals.localization import ResidualTrace, trace_residual
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
+from hdagen.diagnosis.residuals.residual_trace import ResidualTrace, trace_residual
 from hdagen.diagnosis.residuals.spectra import SEGMENT_LENGTH, compare_with_input
 from hdagen.pages.curves import Panel, Series, draw_panels
 from hdagen.pages.heat_map import draw_heat_map
@@ -59,8 +59,8 @@ def _make_series(label: str, y: Array, band: tuple[Array, Array] | None = None) 
 
 def _map_speed_load(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> list[str]:
     """Rms in cells of speed and load, a map before and one after."""
-    speed = sight.read_state("motor_velocity", joint)[seen.instants]
-    load = sight.link_torque(sight.after)[seen.instants, joint - 1]
+    speed = sight.motion.read_state("motor_velocity", joint)[seen.instants]
+    load = sight.balance.link_torque(sight.after)[seen.instants, joint - 1]
     if np.ptp(speed) == 0 or np.ptp(load) == 0:
         return []
     x, y = (np.linspace(v.min(), v.max(), n + 1) for v, n in ((speed, SPEED_CELLS), (load, LOAD_CELLS)))
@@ -87,7 +87,7 @@ def _map_speed_load(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> l
 
 def _plot_over_angle(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> str:
     """Means over the angle within a turn of the motor, with twice their standard error."""
-    angle = np.mod(sight.read_state("motor_position", joint)[seen.instants], 2 * np.pi)
+    angle = np.mod(sight.motion.read_state("motor_position", joint)[seen.instants], 2 * np.pi)
     edges = np.linspace(0, 2 * np.pi, ANGLE_BINS + 1)
     number = np.clip(np.searchsorted(edges, angle, side="right") - 1, 0, ANGLE_BINS - 1)
     count = np.bincount(number, minlength=ANGLE_BINS)
@@ -112,7 +112,7 @@ def _plot_over_orders(sight: ResidualTorque, joint: int, seen: ResidualTrace) ->
 
     Only orders that the motion resolves are fitted; a motion below one turn has no figure.
     """
-    angle = sight.read_state("motor_position", joint)[seen.instants]
+    angle = sight.motion.read_state("motor_position", joint)[seen.instants]
     k = np.array(find_resolved_orders(angle, range(1, LARGEST_DRAWN_ORDER + 1)), int)
     if not len(k):
         return []
@@ -158,14 +158,14 @@ def _plot_over_frequency(sight: ResidualTorque, joint: int, seen: ResidualTrace)
 
 def _plot_about_reversals(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> list[str]:
     """Rms about the instants at which the motor turns."""
-    direction = sight.direction[:, joint - 1]
+    direction = sight.motion.direction[:, joint - 1]
     moving = np.flatnonzero(direction)
     turned = moving[1:][np.diff(direction[moving]) != 0]
-    period = sight.grid.period
+    period = sight.motion.grid.period
     reach = max(round(REVERSAL_MARGIN / period), 3)
-    index = np.full(len(sight.time), -1)
+    index = np.full(len(sight.motion.time), -1)
     index[seen.instants] = np.arange(int(seen.instants.sum()))
-    turned = turned[(turned >= reach) & (turned < len(sight.time) - reach)]
+    turned = turned[(turned >= reach) & (turned < len(sight.motion.time) - reach)]
     if len(turned) < 2:
         return []
     rows = index[turned[:, None] + np.arange(-reach, reach + 1)]
@@ -189,10 +189,10 @@ def _plot_about_reversals(sight: ResidualTorque, joint: int, seen: ResidualTrace
 
 def _plot_over_time(sight: ResidualTorque, place: str, entry: str) -> str:
     """Rms over the log, every joint."""
-    shown, edges = [], np.linspace(sight.time[0], sight.time[-1], TIME_BINS + 1)
-    for joint in range(1, sight.n + 1):
+    shown, edges = [], np.linspace(sight.motion.time[0], sight.motion.time[-1], TIME_BINS + 1)
+    for joint in range(1, sight.motion.n + 1):
         seen = trace_residual(sight, place, joint, entry)
-        number = np.clip(np.searchsorted(edges, sight.time[seen.instants], side="right") - 1, 0, TIME_BINS - 1)
+        number = np.clip(np.searchsorted(edges, sight.motion.time[seen.instants], side="right") - 1, 0, TIME_BINS - 1)
         count = np.bincount(number, minlength=TIME_BINS)
         series = []
         for label, values in (("before", seen.before), ("after", seen.after)):
@@ -200,4 +200,4 @@ def _plot_over_time(sight: ResidualTorque, place: str, entry: str) -> str:
                 mean = np.sqrt(np.bincount(number, values**2, TIME_BINS) / count)
             series.append(_make_series(label, np.where(count >= FEWEST_SAMPLES, mean, np.nan)))
         shown.append(Panel(f"{_name_quantity(seen)}, rms ({seen.unit})", series, f"joint {joint}"))
-    return draw_panels("Where in the log", (edges[1:] + edges[:-1]) / 2 - sight.time[0], shown, share_y=True)
+    return draw_panels("Where in the log", (edges[1:] + edges[:-1]) / 2 - sight.motion.time[0], shown, share_y=True)

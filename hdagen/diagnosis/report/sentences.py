@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hdagen.arm.effect_catalogue import EffectCatalogue
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
 from hdagen.diagnosis.holdout.verdict_withdrawal import LEAST_EXPLAINABLE_GAP
 from hdagen.pages.quantity import format_number
@@ -280,10 +281,11 @@ def note_calibration(content: dict[str, Any]) -> str:
     return ", not calibrated"
 
 
-def explain_confounding(content: dict[str, Any]) -> str:
+def explain_confounding(effects: EffectCatalogue, content: dict[str, Any]) -> str:
     """Explain the alternatives that the log does not exclude, and the motions that would separate them.
 
     Args:
+        effects: how each effect shows itself.
         content: of diagnosis.json.
 
     Returns:
@@ -308,18 +310,20 @@ def explain_confounding(content: dict[str, Any]) -> str:
             return text
         return (
             f"{text}\n\nWhat would tell {name_effect(likely[0])} from the others:"
-            f" {suggest_experiments(likely[0], likely[1:])}\n\n    hdagen excite robot.toml --separate"
+            f" {suggest_experiments(effects, likely[0], likely[1:])}\n\n    hdagen excite robot.toml --separate"
             f" {','.join(likely[:MOST_SEPARATED])}\n\ndesigns a motion that does."
         )
     said = [
-        _say_alternatives(name, causes[name]["confounded_with"]) for name in named if causes[name]["confounded_with"]
+        _say_alternatives(effects, name, causes[name]["confounded_with"])
+        for name in named
+        if causes[name]["confounded_with"]
     ]
     if not said:
         return "Nothing else explains this log nearly as well: no pair is confounded."
     return "What this log cannot tell apart, and the motion that would:\n\n" + "\n\n".join(said)
 
 
-def _say_alternatives(name: str, others: Sequence[str]) -> str:
+def _say_alternatives(effects: EffectCatalogue, name: str, others: Sequence[str]) -> str:
     """The alternatives of an effect of the verdict, the nearest first, and the motions that would separate them.
 
     Of many alternatives only the nearest are named: such a motion says little of the effect.
@@ -328,4 +332,4 @@ def _say_alternatives(name: str, others: Sequence[str]) -> str:
     said = f"{name_effect(name)[0].upper()}{name_effect(name)[1:]} may also be {', '.join(name_effect(o) for o in few)}"
     if more > 0:
         said += f", or one of {more} others (diagnosis.json has them): this motion tells little of it"
-    return f"{said}. {suggest_experiments(name, few)}"
+    return f"{said}. {suggest_experiments(effects, name, few)}"

@@ -31,6 +31,7 @@ from hdagen.diagnosis.residuals.regressor_tests import (
     find_concentrations,
 )
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
+from hdagen.diagnosis.residuals.residual_trace import trace_residual
 from hdagen.diagnosis.residuals.spectra import compare_with_input, find_loudest_band
 from hdagen.prediction.measurement_model import count_mechanical_states, get_state_limits
 
@@ -55,19 +56,6 @@ class RemovedPart:
     joint: int
     place: str
     parameter_indices: tuple[int, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class ResidualTrace:
-    """The residual that shows a place best: ``before`` and ``after`` the verdict, and the part ``adds`` that the
-    verdict's effect adds (K each), at the valid instants ``at`` of the torque balance."""
-
-    quantity: str
-    unit: str
-    before: Array
-    after: Array
-    effect_part: Array
-    instants: np.ndarray
 
 
 def localize_gap(sight: ResidualTorque, effects: Sequence[str], rows: Mask) -> list[dict[str, Any]]:
@@ -116,7 +104,7 @@ def find_place(sight: ResidualTorque, entry: str) -> str:
 
     """
     effect = entry.partition("@")[0]
-    return next((str(e["place"]) for e in sight.arm.manifest["effects"] if e["name"] == effect), "motor")
+    return next((str(e["place"]) for e in sight.motion.arm.manifest["effects"] if e["name"] == effect), "motor")
 
 
 def _list_parts(sight: ResidualTorque, verdict: list[str]) -> list[RemovedPart]:
@@ -126,10 +114,10 @@ def _list_parts(sight: ResidualTorque, verdict: list[str]) -> list[RemovedPart]:
     ]
     taken = {place for part in parts for place in part.parameter_indices}
     groups: dict[tuple[int, str], list[int]] = {}
-    for k, q in enumerate(sight.arm.parameters.described.values()):
+    for k, q in enumerate(sight.motion.arm.parameters.described.values()):
         if k not in taken and sight.before[k] != sight.after[k]:
             groups.setdefault((q.joint, _place_of_parameter(q.name)), []).append(k)
-    names = list(sight.arm.parameters.described)
+    names = list(sight.motion.arm.parameters.described)
     for (joint, place), own in groups.items():
         called = ", ".join(names[k].removesuffix(f"_{joint}").replace("_", " ") for k in own)
         parts.append(RemovedPart(called, joint, place, tuple(own)))
@@ -149,7 +137,7 @@ def _compute_gap_shares(
 ) -> tuple[list[float], list[list[float] | None], list[str]]:
     """Compute the shares of the closed gap (one for each part, at least 0, sum 1), their intervals by a bootstrap of
     seconds, and a sentence on how much of the motion each one affects."""
-    seconds = np.floor((sight.log.time - sight.log.time[0]) / COUNTED_SECOND).astype(int)
+    seconds = np.floor((sight.motion.log.time - sight.motion.log.time[0]) / COUNTED_SECOND).astype(int)
     whole = _sum_squares(sight, sight.after, rows, seconds)
     without = []
     for part in parts:
@@ -197,8 +185,8 @@ def _log_gap(squares: Array) -> Array:
 def _sum_squares(sight: ResidualTorque, p: Array, rows: Mask, seconds: np.ndarray) -> Array:
     """Sum the squared errors, in multiples of noise, and count them, in each second that has ``rows``: (S, channels,
     2). Windows begin in the states of the replay after the verdict."""
-    arm, log, after = sight.arm.with_parameters(p), sight.log, sight.replays[1]
-    acting, shown = sight.simulate_inputs(p)
+    arm, log, after = sight.motion.arm.with_parameters(p), sight.motion.log, sight.motion.replays[1]
+    acting, shown = sight.balance.simulate_inputs(p)
     ends = np.append(after.starts[1:], len(log))
     dt = np.append(np.diff(log.time), log.period)
     begun = after.states[after.starts][:, : count_mechanical_states(arm)]
@@ -221,17 +209,17 @@ def _sum_squares(sight: ResidualTorque, p: Array, rows: Mask, seconds: np.ndarra
 def _locate_unknown(sight: ResidualTorque, joint: int, rows: Mask) -> dict[str, Any]:
     """Describe a gap that no effect explains: its place is that of the largest residual torque, its share that of the
     remaining error."""
-    left = sight.residual(sight.after)
+    left = sight.balance.residual(sight.after)
     place = "motor"
     if left.link is not None:
-        sizes = [np.sqrt(np.mean(side[sight.valid, joint - 1] ** 2)) for side in (left.motor, left.link)]
-        if sizes[1] / abs(sight.ratio[joint - 1]) > sizes[0]:
+        sizes = [np.sqrt(np.mean(side[sight.motion.valid, joint - 1] ** 2)) for side in (left.motor, left.link)]
+        if sizes[1] / abs(sight.motion.ratio[joint - 1]) > sizes[0]:
             place = "link"
-    after = sight.replays[1]
+    after = sight.motion.replays[1]
     squares: dict[int, float] = {}
     for name in after.counted_channels:
         j = int(name.rpartition("_")[2])
-        error = (after.columns[name] - sight.log[name])[rows] / after.noise[name]
+        error = (after.columns[name] - sight.motion.log[name])[rows] / after.noise[name]
         squares[j] = squares.get(j, 0.0) + float(error @ error)
     part = RemovedPart(f"unknown@{joint}", joint, place, ())
     share = squares.get(joint, 0.0) / max(sum(squares.values()), 1e-300)
@@ -244,65 +232,6 @@ def _locate_unknown(sight: ResidualTorque, joint: int, rows: Mask) -> dict[str, 
     }
 
 
-def trace_residual(sight: ResidualTorque, place: str, joint: int, entry: str) -> ResidualTrace:
-    """Compute the residual as it shows at one place of a joint, and the part of an effect in it.
-
-    Args:
-        sight: the torque balance.
-        place: input, motor, transmission, link or sensor.
-        joint: the joint.
-        entry: the effect, name@joint.
-
-    Returns:
-        The residual before and after the verdict.
-
-    """
-    j, less, ok = joint - 1, sight.parameters_without(entry), sight.valid
-    if place == "input" and sight.has_measured_input(joint):
-        return _trace_input(sight, joint, less)
-    if entry.startswith("torque_sensor") and f"joint_torque_{joint}" in sight.log:
-        read = sight.smooth(sight.on_grid(sight.log[f"joint_torque_{joint}"])[:, None])[ok, 0]
-        first, last, none = (sight.sensed_torque(p)[ok, j] for p in (sight.before, sight.after, less))
-        return ResidualTrace(
-            f"reading of the torque sensor of joint {joint}", "N m", read - first, read - last, last - none, ok
-        )
-    before, after, added = (
-        sight.residual(sight.before),
-        sight.residual(sight.after),
-        sight.effect_torque(sight.after, less),
-    )
-    if before.link is None or added.link is None or place in ("input", "motor"):
-        words = f"torque missing at motor {joint}"
-        return ResidualTrace(words, "N m", before.motor[ok, j], after.motor[ok, j], added.motor[ok, j], ok)
-    assert after.link is not None  # as before's, which is of the same log
-    if place == "sensor":
-        slope = sight.spring_stiffness(sight.after)[ok, j]
-        read = sight.encoder_error(sight.after, less)[ok, j]
-        words = f"angle that the encoder of joint {joint} reads too much"
-        left = after.link[ok, j] / slope
-        return ResidualTrace(words, "rad", before.link[ok, j] / slope, left, read, ok)
-    if entry.startswith("kinematic_error"):
-        slope = sight.spring_stiffness(sight.after)[ok, j]
-        words = f"angle missing in the transmission of joint {joint}"
-        first, last, more = (side[ok, j] / slope for side in (before.link, after.link, added.link))
-        return ResidualTrace(words, "rad", first, last, more, ok)
-    words = f"torque missing at link {joint}"
-    return ResidualTrace(words, "N m", before.link[ok, j], after.link[ok, j], added.link[ok, j], ok)
-
-
-def _trace_input(sight: ResidualTorque, joint: int, less: Array) -> ResidualTrace:
-    """Compute the measured input less the model's response to the command."""
-    name, log, ok = sight.arm.input_names[joint - 1], sight.log, sight.valid
-
-    def seen(values: Array) -> Array:
-        return sight.smooth(sight.on_grid(values)[:, None])[ok, 0]
-
-    before, after = (seen(log[name] - r.columns[name]) for r in sight.replays)
-    adds = seen(sight.simulate_inputs(sight.after)[1][:, joint - 1] - sight.simulate_inputs(less)[1][:, joint - 1])
-    words = f"{sight.input_word(joint)} of motor {joint} beyond the model's"
-    return ResidualTrace(words, sight.input_unit(joint), before, after, adds, ok)
-
-
 def list_regressors(sight: ResidualTorque, joint: int, at: np.ndarray) -> list[Regressor]:
     """List the regressors that a residual may depend on.
 
@@ -312,21 +241,21 @@ def list_regressors(sight: ResidualTorque, joint: int, at: np.ndarray) -> list[R
         at: mask of the instants (K).
 
     """
-    column, torque = sight.read_state, sight.link_torque(sight.after)
+    column, torque = sight.motion.read_state, sight.balance.link_torque(sight.after)
     angle, speed = column("motor_position", joint), column("motor_velocity", joint)
-    current = sight.inputs(sight.after)[:, joint - 1]
-    rate = sight.grid.differentiate(sight.grid.smooth(current))
-    unit = sight.input_unit(joint)
+    current = sight.balance.inputs(sight.after)[:, joint - 1]
+    rate = sight.motion.grid.differentiate(sight.motion.grid.smooth(current))
+    unit = sight.motion.input_unit(joint)
     listed = [
         Regressor("the motor's speed", "rad/s", speed, True),
         Regressor("the load on the transmission", "N m", torque[:, joint - 1], True),
         Regressor("the joint's angle", "rad", column("joint_position", joint)),
         Regressor(MOTOR_ANGLE_NAME, "rad", np.mod(angle, 2 * np.pi)),
-        Regressor("the joint's acceleration", "rad/s²", sight.acceleration[1][:, joint - 1], True),
+        Regressor("the joint's acceleration", "rad/s²", sight.motion.acceleration[1][:, joint - 1], True),
         Regressor("the motor's input", unit, current, True),
         Regressor("the rate of the motor's input", f"{unit}/s", rate, True),
         Regressor("the time since the last reversal", "s", time_since_reversal(sight, joint)),
-        Regressor("time", "s", sight.time - sight.time[0]),
+        Regressor("time", "s", sight.motion.time - sight.motion.time[0]),
     ]
     return [Regressor(r.name, r.unit, r.values[at], r.by_magnitude) for r in listed]
 
@@ -342,13 +271,13 @@ def time_since_reversal(sight: ResidualTorque, joint: int) -> Array:
         Time (K), s.
 
     """
-    direction = sight.direction[:, joint - 1]
+    direction = sight.motion.direction[:, joint - 1]
     moving = np.flatnonzero(direction)
     turned = moving[1:][np.diff(direction[moving]) != 0]
     last = np.searchsorted(turned, np.arange(len(direction)), side="right") - 1
     begun = np.zeros(len(direction), int)
     begun[last >= 0] = turned[last[last >= 0]]
-    return np.asarray(sight.time - sight.time[begun])
+    return np.asarray(sight.motion.time - sight.motion.time[begun])
 
 
 def _describe_regime(sight: ResidualTorque, part: RemovedPart) -> str:
@@ -364,7 +293,7 @@ def _describe_regime(sight: ResidualTorque, part: RemovedPart) -> str:
     around = list_regressors(sight, joint, seen.instants)
     clear = np.ones(len(quantity), bool)
     if part.place == "motor":
-        clear = sight.is_sliding(joint)[seen.instants]
+        clear = sight.motion.is_sliding(joint)[seen.instants]
     moving = [Regressor(r.name, r.unit, r.values[clear], r.by_magnitude) for r in around]
     goes = next(
         (
@@ -378,7 +307,7 @@ def _describe_regime(sight: ResidualTorque, part: RemovedPart) -> str:
     said = []
     if abs(quantity.mean()) > CONSTANT_SHARE * _root_mean_square(quantity):
         said.append(f"is mostly the same throughout (mean {quantity.mean():.2g} {seen.unit})")
-    orders = explain_by_orders(quantity, sight.read_state("motor_position", joint)[seen.instants], MOTOR_ORDERS)
+    orders = explain_by_orders(quantity, sight.motion.read_state("motor_position", joint)[seen.instants], MOTOR_ORDERS)
     turn = next((e for e in orders if e.p <= SIGNIFICANCE_LEVEL and e.share >= LEAST_EXPLAINED_SHARE), None)
     if turn is not None and (goes is None or turn.share > goes.share):
         said.append(

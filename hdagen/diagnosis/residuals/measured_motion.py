@@ -115,7 +115,7 @@ class MeasuredMotion:
         return np.array([self.arm.parameters.described[f"ratio_{j}"].nominal for j in range(1, self.n + 1)])
 
     @cached_property
-    def _read_states(self) -> Array:
+    def sensed_states(self) -> Array:
         """States (K, nx) as the sensors read them: positions unfiltered, velocities smoothed a little."""
         arm, readings = self.arm, Readings.from_log(self.arm, self.log)
         x = np.zeros((len(self.time), arm.nx))
@@ -147,9 +147,9 @@ class MeasuredMotion:
         """
         name = f"{quantity}_{j}"
         if name in self.arm.state_names:
-            return self._read_states[:, self.arm.index(name)]
+            return self.sensed_states[:, self.arm.index(name)]
         other = name.replace("motor", "joint")  # the motor of a rigid drive
-        return self._read_states[:, self.arm.index(other)] * self.ratio[j - 1]
+        return self.sensed_states[:, self.arm.index(other)] * self.ratio[j - 1]
 
     def smooth(self, values: Array) -> Array:
         """Pass columns through the filter that every part of a torque balance passes.

@@ -1,13 +1,4 @@
-"""Residual torque along the measured motion: torque at the motors and the links that the model does not explain.
-
-The measured positions are smoothed without lag and differentiated. In these states the model's own torques give an
-acceleration; the measured acceleration less that, times inertia, is the residual torque. Model and measurement pass the
-same filter. Where only one side of a flexible gear is measured, or the drive is rigid, the balance is that of the whole
-joint, at the motor.
-
-Legend: K instants of an even grid, n joints, m positions and velocities of the state; θ motor angle, q joint angle, φ
-torsion.
-"""
+"""The residual torque of a log before and after a verdict."""
 
 from __future__ import annotations
 
@@ -19,205 +10,33 @@ import numpy as np
 from hdagen.adoption import verdict
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
+from hdagen.diagnosis.residuals.torque_balance import TorqueBalance
 from hdagen.log.measured_log import Log
-from hdagen.prediction.driving_inputs import compute_effective_inputs, read_driving_inputs
-from hdagen.prediction.measurement_model import Readings, undo_sensor_effects
 from hdagen.prediction.window_replay import Replay
-
-TORSION_STEP_SHARE = 1e-3  # of the largest torque of the links: step for the springs' slope
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueResidual:
-    """Torque at the motors (K, n) and at the links (K, n), N m, positive where it would accelerate the joint; ``link``
-    is None where the log does not separate the two sides."""
+class ResidualTorque:
+    """The torque balance of a log under the model before and after a verdict, whose effects the model has.
 
-    motor: Array
-    link: Array | None
+    Attributes:
+        balance: The torques along the log's motion.
+        before: Parameters (np) by the robot file.
+        after: Parameters (np) by the verdict.
+        parameter_indices: Places in p of each effect's parameters, by name@joint.
 
-
-@dataclass(eq=False)
-class ResidualTorque(MeasuredMotion):
-    """The torque balance of a log under the model before and after the verdict.
-
-    ``arm`` has the verdict's effects; ``before`` and ``after`` are its parameters (np) by the robot file and by the
-    verdict; ``own``: places in p of each effect's parameters, by name@joint.
     """
 
+    balance: TorqueBalance
     before: Array
     after: Array
     parameter_indices: Mapping[str, tuple[int, ...]]
 
-    def states(self, p: Array) -> Array:
-        """Convert the readings into states.
-
-        Args:
-            p: parameters (np) of the sensors.
-
-        Returns:
-            States (K, nx).
-
-        """
-        return undo_sensor_effects(
-            self.arm.with_parameters(p),
-            self._read_states.copy(),
-            Readings.from_log(self.arm, self.log).joints_with_encoder(),
-        )
-
-    def inputs(self, p: Array) -> Array:
-        """Return the effective inputs about each instant: measured where they are logged, otherwise simulated from the
-        commands.
-
-        Args:
-            p: parameters (np).
-
-        Returns:
-            Inputs (K, nu).
-
-        """
-        arm = self.arm.with_parameters(p)
-        given, _ = read_driving_inputs(arm, self.log, "measured")
-        acting, _ = compute_effective_inputs(arm, self.log, given, "measured")
-        acting = acting.copy()
-        n = self.n
-        acting[1:, :n] = (acting[1:, :n] + acting[:-1, :n]) / 2
-        return np.stack([self.on_grid(column) for column in acting.T], 1)
-
-    def simulate_inputs(self, p: Array) -> tuple[Array, Array]:
-        """Simulate the inputs from the commands, row by row.
-
-        Args:
-            p: parameters (np).
-
-        Returns:
-            Effective inputs, and the readings of them (T, nu each).
-
-        """
-        arm = self.arm.with_parameters(p)
-        return compute_effective_inputs(arm, self.log, read_driving_inputs(arm, self.log, "command")[0], "command")
-
-    def sensed_torque(self, p: Array) -> Array:
-        """Simulate the readings of the joints' torque sensors.
-
-        Args:
-            p: parameters (np).
-
-        Returns:
-            Readings (K, n), N m, smoothed.
-
-        """
-        return self.smooth(self.arm.with_parameters(p).outputs(self.states(p), self.inputs(p))["joint_torque"])
-
-    def model_accelerations(self, p: Array, x: Array) -> tuple[Array, Array]:
-        """Compute the model's accelerations, unfiltered.
-
-        Args:
-            p: parameters (np).
-            x: states (K, nx).
-
-        Returns:
-            Of motors (0 in rigid drives) and of joints (K, n each), rad/s².
-
-        """
-        rate = self.arm.with_parameters(p).evaluate("rhs_exact", x=x, u=self.inputs(p), sliding=self.direction)["rate"]
-        motor, joint = np.zeros((len(x), self.n)), np.zeros((len(x), self.n))
-        for j in range(1, self.n + 1):
-            joint[:, j - 1] = rate[:, self.arm.index(f"joint_velocity_{j}")]
-            if j in self.arm.manifest["flexible"]:
-                motor[:, j - 1] = rate[:, self.arm.index(f"motor_velocity_{j}")]
-        return motor, joint
-
-    def residual(self, p: Array) -> TorqueResidual:
-        """Compute the residual torque of a model.
-
-        Args:
-            p: parameters (np).
-
-        Returns:
-            Torque at motors and links.
-
-        """
-        if self.has_both_sides:
-            return self._two_sided_residual(p)
-        return TorqueResidual(self._whole_joint_residual(p), None)
-
-    def _two_sided_residual(self, p: Array) -> TorqueResidual:
-        """Compute the residual torque of both sides of the gears."""
-        x = self.states(p)
-        motor, joint = self.model_accelerations(p, x)
-        motor, joint = self.acceleration[0] - self.smooth(motor), self.acceleration[1] - self.smooth(joint)
-        return TorqueResidual(motor * self.motor_inertia(p), self.link_torque_of(p, x, joint))
-
-    def _whole_joint_residual(self, p: Array) -> Array:
-        """Compute the residual torque of whole joints, at the motor."""
-        given = self.inputs(p)[:, : self.n] * compute_torque_per_input(self.arm.with_parameters(p))
-        found = self.smooth(self._inverse_dynamics(p)["motor_torque"] - given)
-        return np.where(self.direction == 0, 0.0, found)  # friction that holds a joint at rest is unknown
-
-    def _inverse_dynamics(self, p: Array) -> dict[str, Array]:
-        """Compute the inverse dynamics of the measured motion under parameters ``p``, unfiltered."""
-        q, v = self._joint_motion(self.states(p))
-        force = self.inputs(p)[:, self.n :]
-        return self.arm.with_parameters(p).evaluate(
-            "inverse_dynamics", q=q, v=v, a=self.acceleration[1], tip_force=force
-        )
-
-    def _joint_motion(self, x: Array) -> tuple[Array, Array]:
-        """Return positions and velocities of the joints (K, n each) in states ``x`` (K, nx)."""
-        joints = range(1, self.n + 1)
-        angles = [self.arm.index(f"joint_position_{j}") for j in joints]
-        speeds = [self.arm.index(f"joint_velocity_{j}") for j in joints]
-        return x[:, angles], x[:, speeds]
-
-    def motor_inertia(self, p: Array) -> Array:
-        """Return the inertias of the motors (n), kg m².
-
-        Args:
-            p: parameters (np).
-
-        """
-        names = list(self.arm.parameters.described)
-        return np.array([p[names.index(f"motor_inertia_{j}")] for j in range(1, self.n + 1)])
-
-    def link_torque_of(self, p: Array, x: Array, acceleration: Array) -> Array:
-        """Compute the torque that accelerates the links.
-
-        Args:
-            p: parameters (np).
-            x: states (K, nx).
-            acceleration: of the joints (K, n), rad/s².
-
-        Returns:
-            Torque at the links (K, n), N m.
-
-        """
-        mass = (
-            self.arm.with_parameters(p)
-            .evaluate("mass_matrix", q=self._joint_motion(x)[0])["M"]
-            .reshape(len(x), self.n, self.n)
-        )
-        return np.asarray(np.einsum("kij,kj->ki", mass, acceleration))
-
-    def effect_torque(self, p: Array, less: Array) -> TorqueResidual:
-        """Compute the torque that a change of parameters adds in the states of ``p``, filtered as the residual.
-
-        Args:
-            p: parameters (np).
-            less: parameters (np) to subtract.
-
-        Returns:
-            Torque at motors and links.
-
-        """
-        x = self.states(p)
-        (motor, joint), (motor_less, joint_less) = self.model_accelerations(p, x), self.model_accelerations(less, x)
-        at_motor = self.smooth(motor - motor_less) * self.motor_inertia(p)
-        at_link = self.link_torque_of(p, x, self.smooth(joint - joint_less))
-        if self.has_both_sides:
-            return TorqueResidual(at_motor, at_link)
-        return TorqueResidual(at_motor + at_link / self.ratio, None)
+    @property
+    def motion(self) -> MeasuredMotion:
+        """The log's motion."""
+        return self.balance.motion
 
     def parameters_without(self, entry: str) -> Array:
         """Return the parameters (np) after the verdict, with one effect as the robot file has it.
@@ -231,52 +50,6 @@ class ResidualTorque(MeasuredMotion):
             p[place] = self.before[place]
         return p
 
-    def link_torque(self, p: Array) -> Array:
-        """Compute the torque that the measured motion of the links requires of the transmission.
-
-        Args:
-            p: parameters (np).
-
-        Returns:
-            Torque (K, n), N m, smoothed.
-
-        """
-        return self.smooth(self._inverse_dynamics(p)["joint_torque"])
-
-    def spring_stiffness(self, p: Array) -> Array:
-        """Compute the stiffness of the springs under that torque.
-
-        Args:
-            p: parameters (np).
-
-        Returns:
-            Stiffness (K, n), N m/rad.
-
-        """
-        torque = self.link_torque(p)
-        h = TORSION_STEP_SHARE * max(float(np.abs(torque).max()), 1.0)
-        arm = self.arm.with_parameters(p)
-        ends = [arm.evaluate("torsion", joint_torque=torque + side * h)["torsion"] for side in (1.0, -1.0)]
-        return np.asarray(2 * h / np.maximum(ends[0] - ends[1], 1e-12))
-
-    def encoder_error(self, p: Array, less: Array) -> Array:
-        """Compute the change of the joint encoders' readings by a change of parameters.
-
-        Args:
-            p: parameters (np).
-            less: parameters (np) to subtract.
-
-        Returns:
-            Angles (K, n), rad, smoothed.
-
-        """
-        q, v = self._joint_motion(self.states(p))
-        read = [
-            self.arm.with_parameters(one).evaluate("encoders", q=q, v=v, a=self.acceleration[1])["joint_position"]
-            for one in (p, less)
-        ]
-        return self.smooth(read[0] - read[1])
-
 
 def see_residual_torque(arm: Arm, said: verdict.Verdict, log: Log, before: Replay, after: Replay) -> ResidualTorque:
     """Compare a log with the model before and after a verdict.
@@ -289,7 +62,7 @@ def see_residual_torque(arm: Arm, said: verdict.Verdict, log: Log, before: Repla
         after: replay of the verdict.
 
     Returns:
-        The torque balance of the log.
+        The torque balance of the log before and after.
 
     Raises:
         PlantError: the arm lacks a parameter of the verdict.
@@ -299,4 +72,5 @@ def see_residual_torque(arm: Arm, said: verdict.Verdict, log: Log, before: Repla
     names = list(arm.parameters.described)
     own = {f"{e.name}@{e.joint}": tuple(map(names.index, e.parameters)) for e in said.effects}
     nominal = np.array([q.nominal for q in arm.parameters.described.values()])
-    return ResidualTorque(arm.with_parameters(nominal), log, (before, after), nominal, changed.p.copy(), own)
+    motion = MeasuredMotion(arm.with_parameters(nominal), log, (before, after))
+    return ResidualTorque(TorqueBalance(motion), nominal, changed.p.copy(), own)

@@ -139,10 +139,10 @@ def compare_with_input(
 
     """
     first, last = np.flatnonzero(at)[[0, -1]]
-    period, inputs = sight.grid.period, sight.grid.smooth(sight.inputs(sight.after)[:, joint - 1])
-    whole = [inputs, *(np.zeros(len(sight.time)) for _ in series)]
+    period, inputs = sight.motion.grid.period, sight.motion.grid.smooth(sight.balance.inputs(sight.after)[:, joint - 1])
+    whole = [inputs, *(np.zeros(len(sight.motion.time)) for _ in series)]
     for full, values in zip(whole[1:], series, strict=True):
         full[at] = values
     found = [Spectra.from_series(values[first : last + 1], period) for values in whole]
     frequency = found[0].frequency
-    return (frequency > 0) & (frequency <= PASSBAND_SHARE / (sight.grid.window_rows * period)), found
+    return (frequency > 0) & (frequency <= PASSBAND_SHARE / (sight.motion.grid.window_rows * period)), found

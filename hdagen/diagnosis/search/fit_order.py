@@ -145,3 +145,24 @@ def place_by_size(fits: Sequence[Fit]) -> Iterator[tuple[Fit, int]]:
     for fit in fits:
         yield fit, before[max(len(fit.effects), 1)]
         before[max(len(fit.effects), 1)] += 1
+
+
+def drop_undeserved(fits: list[Fit]) -> list[Fit]:
+    """Drop the columns, and so the lead, of fits that have more effects than another one without the evidence to pay
+    for them.
+
+    Args:
+        fits: the fits, at least one of them with columns.
+
+    Returns:
+        The fits in the same order.
+
+    """
+    fewest = min((len(fit.effects) for fit in fits if fit.effects), default=0)
+    if all(len(fit.effects) in (0, fewest) for fit in fits):
+        return fits
+    excess = sort_by_evidence(fits)[0].misfit_temperature
+    lead = max(
+        (fit for fit in fits if fit.has_columns), key=lambda fit: charge_effects(fit.score.evidence, fit, excess)
+    )
+    return [fit if fit is lead or len(fit.effects) <= fewest else fit.without_columns() for fit in fits]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.inference.candidate_priors import ORDER_SHAPE, Candidate, CandidateSet
+from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet
 from hdagen.diagnosis.inference.gauss_newton import compute_prior_widths, place_candidate, place_sizes
 from hdagen.diagnosis.inference.marginal_likelihood import ScoredHypothesis
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, select_columns, weigh_residual
@@ -106,7 +106,8 @@ def _displace_candidate(at: Sensitivities, words: CandidateSet, k: int, atom: Ca
         found.append(
             place_candidate(at, atom, others | {c.index: c.center + c.initial_guess * c.unit for c in columns})
         )
-    if len(columns) > 1 and ORDER_SHAPE in "".join(atom.shapes):
+    by_name = at.shooting.arm.parameters.described
+    if len(columns) > 1 and any(by_name[name].is_motor_order for name in atom.shapes):
         return found  # a sine and a cosine are as good as linear
     for c in columns:
         for size in dict.fromkeys((*SCANNED_SIZES, c.step)):

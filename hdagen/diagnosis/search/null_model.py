@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.candidate_priors import SPIKE_SCALES, CandidateSet
-from hdagen.diagnosis.inference.local_fit import Fit, advance_fit, rescale_spikes, start_fit
+from hdagen.diagnosis.inference.fit_steps import advance_fit
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
+from hdagen.diagnosis.inference.local_fit import Fit, rescale_spikes, start_fit
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import OperatingPoint, compute_sensitivities
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.ripple_order import suggest_ripple_orders

@@ -18,17 +18,18 @@ from hdagen.arm.compiled_arm import Arm, load
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import WindowedRecord, cut_windows
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, compute_sensitivities
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.fit_order import drop_columns, leaves_much, sort_by_evidence
-from hdagen.diagnosis.search.hypothesis_search import TRAILING_SHARE, SearchResult, run_races
+from hdagen.diagnosis.search.hypothesis_race import TRAILING_SHARE
+from hdagen.diagnosis.search.hypothesis_search import SearchResult, run_races
 from hdagen.diagnosis.stages.stage import Stage, StageListener
 
 LOGGER = logging.getLogger(__name__)
-SPRING_EFFECT = "missing_compliance"
 SPRING_SIZES = (1.0, 4.0)  # typical sizes at which a fit with springs starts
 SPRING_STEP = 2.5e-4  # s, stable for springs ten times as stiff as typical ones; a stiffer spring is as good as rigid
 
@@ -55,7 +56,8 @@ def compare_with_springs(
     """
     if len(arm.manifest["flexible"]) == arm.n:
         return found
-    flexible = load(robot, "native", ("all", SPRING_EFFECT))
+    springs = [name for name, traits in arm.effects.items() if traits.series_spring]
+    flexible = load(robot, "native", ("all", *springs))
     _log_rigid_joints(flexible)
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
         return found  # no rotor that could turn by itself
@@ -82,9 +84,7 @@ def _start_spring_fits(
     """Start the fits with springs: the springs alone at each size, and beside the effects found, where the springs
     alone promise less than these have reached. Then the springs alone stay only if they promise a share of that
     gain."""
-    springs = tuple(
-        k for k, atom in enumerate(words.members) if atom.effect == SPRING_EFFECT and atom.has_default_shapes
-    )
+    springs = tuple(k for k, atom in enumerate(words.members) if atom.traits.series_spring and atom.has_default_shapes)
     lead, near = sort_by_evidence(found.fits)[0], found.fits[0].score.posterior.s
     none = next((fit for fit in found.fits if not fit.effects), lead)
     beside = tuple(k for k, atom in enumerate(words.members) if atom.name in lead.names and atom.has_default_shapes)

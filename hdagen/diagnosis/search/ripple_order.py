@@ -21,7 +21,6 @@ from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import count_torque_steps
 from hdagen.diagnosis.initialization.initial_guess import InitialGuess
 
-RIPPLE_EFFECT = "torque_ripple"
 RIPPLE_ORDERS = np.arange(1, 97)  # cycles in a turn of the motor
 CLEAR_ORDER_GAIN = 12.0  # times the median gain of all orders, from which an order stands out
 MOST_RIPPLE_ORDERS = 3  # orders that are tried
@@ -39,11 +38,10 @@ def suggest_ripple_orders(nothing: Fit, suggested: InitialGuess) -> InitialGuess
 
     """
     arm, shapes = nothing.sensitivities.shooting.arm, dict(suggested.shapes)
-    for j in range(1, arm.n + 1):
-        name = f"ripple_order_{j}"
-        if name in arm.parameters.described:
-            usual = arm.parameters.described[name].starts
-            shapes[name] = tuple(dict.fromkeys((*_clearest_orders(nothing, j), *usual)))[: MOST_RIPPLE_ORDERS + 1]
+    for name, q in arm.parameters.described.items():
+        if q.is_motor_order:
+            clear = _clearest_orders(nothing, q.joint)
+            shapes[name] = tuple(dict.fromkeys((*clear, *q.starts)))[: MOST_RIPPLE_ORDERS + 1]
     return replace(suggested, shapes=shapes)
 
 
@@ -58,14 +56,15 @@ def add_ripple_orders(lead: Fit, words: CandidateSet) -> CandidateSet:
         The larger set.
 
     """
-    for k in [k for k, atom in enumerate(words.members) if atom.effect == RIPPLE_EFFECT and atom.has_default_shapes]:
-        atom = words.members[k]
-        known = [value for a in words.members if a.name == atom.name for value in a.shapes.values()]
-        if atom.name in lead.names:
+    described = lead.sensitivities.shooting.arm.parameters.described
+    for k, atom in enumerate(words.members):
+        order_name = next((name for name in atom.shapes if described[name].is_motor_order), None)
+        if order_name is None or not atom.has_default_shapes or atom.name in lead.names:
             continue
+        known = [a.shapes[order_name] for a in words.members if a.name == atom.name]
         for order in _clearest_orders(lead, atom.joint)[:1]:
             if order not in known:
-                words = words.with_shapes_added(k, {f"ripple_order_{atom.joint}": order})
+                words = words.with_shapes_added(k, {**atom.shapes, order_name: order})
     return words
 
 

@@ -14,10 +14,11 @@ from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle
 from hdagen.mpc.benchmark.admittance_tuning import TUNING_METHOD, TunedGains, tune_admittance
 from hdagen.mpc.closed_loop_trial import Trial, TrialOutcome, evaluate_trial, run_trial
-from hdagen.mpc.configuration import Configuration, Wall, check_configuration, list_admittance_gains, resolve_limits
+from hdagen.mpc.configuration import Configuration, check_configuration, list_admittance_gains, resolve_limits
 from hdagen.mpc.impact import SuddenForceResponse, measure_sudden_force
 from hdagen.mpc.impact import format_sudden_force as jolted
 from hdagen.mpc.predictive_controller import MPC
+from hdagen.mpc.wall import Wall
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push
 

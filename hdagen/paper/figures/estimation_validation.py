@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -68,15 +68,7 @@ def make_fig9(bench: Bench) -> Result:
     inner, outer = _solve_for_ratio_two(100.0**2 * arm.parameters["motor_inertia_1"])
     lighter = _drive_both_motors(bench.arm(TABLE_1, {"inertia_2": outer}), wave["step"])
     ratio = {"step": _measured_ratio(runs["step"]), "lighter second arm": _measured_ratio(lighter)}
-    parts = []
-    for name, letter in zip(wave, "ab", strict=True):
-        for j in range(2):
-            time, truth = runs[name].log.time, runs[name].joint_torque[:, j]
-            curves = [
-                Curve("true", time, truth, color="grey", dash="solid", width=2.4),
-                Curve("estimated", time, found[name][:, j], color="blue", dash="dashed", width=1.0),
-            ]
-            parts.append(Axes(f"({letter}) {name} input, joint {j + 1}", "time (s)", "joint torque (N m)", curves))
+    parts = _draw_torques(runs, found)
     words = [
         f"{name}: {errors[name][0]:.3f} and {errors[name][1]:.3f} N m of peaks of {peak[name][0]:.2f} and "
         f"{peak[name][1]:.2f}"
@@ -114,6 +106,20 @@ def make_fig9(bench: Bench) -> Result:
     ]
     title = "Numerical validation of torque estimation"
     return Result("fig9", title, text, parts, claims, numbers, 2, choices, logs, robots)
+
+
+def _draw_torques(runs: Mapping[str, DrivenRun], found: Mapping[str, Array]) -> list[Axes]:
+    """Draw the true and the estimated torque (T, 2) of each run, by joint."""
+    parts = []
+    for name, letter in zip(runs, "ab", strict=True):
+        for j in range(2):
+            time, truth = runs[name].log.time, runs[name].joint_torque[:, j]
+            curves = [
+                Curve("true", time, truth, color="grey", dash="solid", width=2.4),
+                Curve("estimated", time, found[name][:, j], color="blue", dash="dashed", width=1.0),
+            ]
+            parts.append(Axes(f"({letter}) {name} input, joint {j + 1}", "time (s)", "joint torque (N m)", curves))
+    return parts
 
 
 def _choose_smoothing(arm: Arm, step: DrivenRun, window: float, fastest: float) -> Choice:
@@ -196,25 +202,7 @@ def make_resolution(bench: Bench) -> Result:
     peak = np.abs(runs[ENCODER_COUNTS[0], DISC_BITS].joint_torque).max(axis=0)
     parts, least = [], []
     for j in range(2):
-        curves = [
-            Curve(f"disc of {_power_of_two(bits)}", ENCODER_COUNTS, table[:, column, j])
-            for column, bits in enumerate(DISC_BIT_COUNTS)
-        ]
-        curves += [
-            Curve(f"{_power_of_two(DISC_BITS)}, static", ENCODER_COUNTS, still[:, j], color="blue", dash="dotted"),
-            Curve(
-                f"{_power_of_two(DISC_BITS)}, uncompensated", ENCODER_COUNTS, plain[:, j], color="ink", dash="dashed"
-            ),
-            Curve(
-                "5 % of peak",
-                ENCODER_COUNTS,
-                np.full(len(ENCODER_COUNTS), LARGEST_ERROR_SHARE * peak[j]),
-                color="grey",
-                dash="dotted",
-            ),
-        ]
-        labels = "counts of the motor encoder (1)", "rms error of the torque (N m)"
-        parts.append(Axes(f"joint {j + 1}", *labels, curves, log_x=True, log_y=True))
+        parts.append(_draw_resolution(j, table, still, plain, peak))
         enough = table[:, DISC_BIT_COUNTS.index(18), j] < LARGEST_ERROR_SHARE * peak[j]
         least.append(next((counts for counts, good in zip(ENCODER_COUNTS, enough, strict=True) if good), None))
     fine = ENCODER_COUNTS.index(4096)
@@ -247,6 +235,22 @@ def make_resolution(bench: Bench) -> Result:
     }
     title = "Torque error against encoder resolution"
     return Result("resolution", title, text, parts, claims, numbers, 2, logs=logs, robots=robots)
+
+
+def _draw_resolution(j: int, table: Array, still: Array, plain: Array, peak: Array) -> Axes:
+    """Draw the errors of one joint, from 0, against the counts: with each disc, held still, and uncompensated."""
+    curves = [
+        Curve(f"disc of {_power_of_two(bits)}", ENCODER_COUNTS, table[:, column, j])
+        for column, bits in enumerate(DISC_BIT_COUNTS)
+    ]
+    limit = np.full(len(ENCODER_COUNTS), LARGEST_ERROR_SHARE * peak[j])
+    curves += [
+        Curve(f"{_power_of_two(DISC_BITS)}, static", ENCODER_COUNTS, still[:, j], color="blue", dash="dotted"),
+        Curve(f"{_power_of_two(DISC_BITS)}, uncompensated", ENCODER_COUNTS, plain[:, j], color="ink", dash="dashed"),
+        Curve("5 % of peak", ENCODER_COUNTS, limit, color="grey", dash="dotted"),
+    ]
+    labels = "counts of the motor encoder (1)", "rms error of the torque (N m)"
+    return Axes(f"joint {j + 1}", *labels, curves, log_x=True, log_y=True)
 
 
 def _power_of_two(bits: int) -> str:

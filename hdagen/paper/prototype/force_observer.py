@@ -19,7 +19,8 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.control.guarded_controller import Controller, Guard
+from hdagen.control.guard_limits import Guard
+from hdagen.control.guarded_controller import Controller
 from hdagen.paper.prototype.torque_estimator import by_joint
 
 OBSERVER_BANDWIDTH = 20.0  # rad/s of the observer, as that of the inner loops for Hall sensors

@@ -20,7 +20,8 @@ from hdagen.adoption.robot_file import RobotFile
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.arm.preset_files import find_preset_files
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle
 from hdagen.log.measured_log import Log
 from hdagen.simulation.simulated_sensors import Sensors

@@ -15,8 +15,9 @@ from hdagen.diagnosis.data.split import (
     split_logs,
 )
 from hdagen.diagnosis.data.windows import cut_windows
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import OperatingPoint, compute_sensitivities
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.log.measured_log import Log

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.decision import calibration
@@ -25,18 +26,21 @@ from hdagen.diagnosis.decision.posterior import (
     score_hypotheses,
 )
 from hdagen.diagnosis.inference.candidate_priors import Candidate
-from hdagen.diagnosis.inference.multiple_shooting import Rollout
+from hdagen.diagnosis.inference.rollout import Rollout
 
-PLACES = {
-    "thermal_friction@2": "motor",
-    "position_dependent_friction@2": "motor",
-    "position_dependent_friction@1": "motor",
-    "current_bias@2": "motor",
-    "kinematic_error@1": "transmission",
-    "encoder_eccentricity@1": "sensor",
-    "backlash@1": "transmission",
-    "contact@1": "link",
-    "link_flexibility@1": "link",
+TRAITS = {
+    entry: EFFECTS[entry.partition("@")[0]]
+    for entry in (
+        "thermal_friction@2",
+        "position_dependent_friction@2",
+        "position_dependent_friction@1",
+        "current_bias@2",
+        "kinematic_error@1",
+        "encoder_eccentricity@1",
+        "backlash@1",
+        "contact@1",
+        "link_flexibility@1",
+    )
 }
 
 
@@ -59,7 +63,7 @@ def test_what_may_only_make_up_for_a_formula_must_bring_a_share(leader: str, com
         (1.1 * FORM_CORRECTION_SHARE, both),
     ):
         evidence = {(): -50.0, (leader,): 0.0, (companion,): -49.0, both: 50.0 * share}
-        assert _drop_negligible(both, {leader: 3.0, companion: 2.0}, evidence, PLACES) == said
+        assert _drop_negligible(both, {leader: 3.0, companion: 2.0}, evidence, TRAITS) == said
 
 
 def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
@@ -68,8 +72,8 @@ def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
     evidence = {(): -500.0, (gear,): -20.0, (gear, friction): 0.0, names: 5.0}
     evidence |= {(gear, other): -19.0, tuple(sorted((friction, other))): -470.0}
     size = dict.fromkeys(names, 2.0)
-    assert _drop_negligible(names, size, evidence, PLACES) == names  # 5 of 20, though the gear's gain is 480
-    assert _drop_negligible(names, size, evidence | {names: 3.0}, PLACES) == (gear, friction)
+    assert _drop_negligible(names, size, evidence, TRAITS) == names  # 5 of 20, though the gear's gain is 480
+    assert _drop_negligible(names, size, evidence | {names: 3.0}, TRAITS) == (gear, friction)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +96,9 @@ def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
     mean = np.array([spike * tolerances, 0.5, 5.0, 3.0])
     words = SimpleNamespace(members=atoms, columns=columns)
     posterior = mean, np.diag([(spike * std) ** 2, 1e-6, 1e-6, 1e-6])
-    fit: Any = SimpleNamespace(sensitivities=SimpleNamespace(words=words), posterior=posterior, names=("payload@2",))
+    fit: Any = SimpleNamespace(
+        sensitivities=SimpleNamespace(candidates=words), posterior=posterior, names=("payload@2",)
+    )
     assert _add_shifted_base_parameters(fit) == (("payload@2", "torque_constant@1") if there else ("payload@2",))
 
 
@@ -104,9 +110,11 @@ class Stands(SimpleNamespace):
 
 def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
-    atoms = tuple(Candidate(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
-    words = SimpleNamespace(members=atoms, free=list, theta=lambda p: p, counts=lambda k: 0.3)
-    words.names = lambda some: tuple(sorted(atoms[k].name for k in some))
+    atoms = tuple(Candidate(EFFECTS[name], 2, (), {}, True) for name in ("thermal_friction", "current_bias"))
+    words = SimpleNamespace(
+        members=atoms, amplitude_columns=list, to_theta=lambda p: p, presence_threshold=lambda k: 0.3
+    )
+    words.names_of = lambda some: tuple(sorted(atoms[k].name for k in some))
 
     def recalled(lane: Rollout) -> tuple[None, Array]:
         assert lane.memory is None and lane.p.tolist() == stood  # all windows, where it stands
@@ -114,8 +122,10 @@ def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
 
     arm = SimpleNamespace(state_names=("motor_position_1", "warmth_1", "warmth_2"))
     point = SimpleNamespace(p=np.array(stood), initial_states=None)
-    design = SimpleNamespace(candidates=words, shooting=SimpleNamespace(arm=arm, recalled=recalled), point=point)
-    return Stands(atoms=(0, 1), design=design, posterior=(np.array(mean), None))
+    design = SimpleNamespace(
+        candidates=words, shooting=SimpleNamespace(arm=arm, predict_with_memory=recalled), point=point
+    )
+    return Stands(effects=(0, 1), sensitivities=design, posterior=(np.array(mean), None))
 
 
 @pytest.mark.parametrize("came", [1.0, 0.632, 0.151])
@@ -150,16 +160,23 @@ def beside_a_bias(size: float, leaves: float, alone: float | None = None) -> Any
     both = ("current_bias@2", "thermal_friction@2")
     fit = standing([size, -0.1], [size, -0.1])
     worth = {(): -60.0, (0,): 0.0, (1,): -58.0, (0, 1): -2.0}
-    fit.names, fit.subsets, fit.evidence = both, list(worth), lambda _, atoms, worth=worth: worth[atoms]
-    words = fit.design.words
-    words.columns, words.spike = (), np.full(2, 0.05)
-    none = Stands(**{**vars(fit), "names": (), "atoms": (), "lesser": [()], "evidence": lambda *_: -60.0})
-    own = Stands(**{**vars(fit), "names": both[1:], "atoms": (0,), "lesser": [(0,)], "evidence": lambda *_: alone})
+    fit.names, fit.subsets, fit.tempered_evidence = both, list(worth), lambda _, atoms, worth=worth: worth[atoms]
+    words = fit.sensitivities.candidates
+    words.columns, words.spike_widths = (), np.full(2, 0.05)
+    none = Stands(**{**vars(fit), "names": (), "effects": (), "subsets": [()], "tempered_evidence": lambda *_: -60.0})
+    own = Stands(
+        **{**vars(fit), "names": both[1:], "effects": (0,), "subsets": [(0,)], "tempered_evidence": lambda *_: alone}
+    )
     fitted = (fit, none) if alone is None else (fit, own, none)
     for each in fitted:
-        each.temperature, each.excess, each.clean, each.reached = 12.0, 1.0, 0.0, -1.0 if each is fit else -60.0
-        each.unexplained = np.array([leaves if each is fit else 4.0 * leaves, 0.0])
-        each.score = SimpleNamespace(at=SimpleNamespace(level=1.0))
+        each.temperature, each.misfit_temperature, each.noise_only_evidence, each.evidence_here = (
+            12.0,
+            1.0,
+            0.0,
+            -1.0 if each is fit else -60.0,
+        )
+        each.unexplained_torque = np.array([leaves if each is fit else 4.0 * leaves, 0.0])
+        each.score = SimpleNamespace(posterior=SimpleNamespace(noise_level=1.0))
     return SimpleNamespace(candidates=words, fits=fitted, screened=[SimpleNamespace(effects=(), evidence=-60.0)])
 
 
@@ -171,7 +188,7 @@ def test_a_fit_that_was_left_on_the_way_does_not_stand_for_its_set(alone: float,
     search = beside_a_bias(0.5, 0.0, alone)
     found = score_hypotheses(search)
     assert found.verdict == ("thermal_friction@2",)
-    assert found.best is search.fitted[1 if done else 0]
+    assert found.best is search.fits[1 if done else 0]
 
 
 def test_what_was_not_worth_a_fit_is_none_as_far_as_it_is_too_small_to_count() -> None:
@@ -180,9 +197,9 @@ def test_what_was_not_worth_a_fit_is_none_as_far_as_it_is_too_small_to_count() -
 
     def stated(large: float) -> float:
         search = beside_a_bias(0.2, 0.0)
-        search.words.atoms += (Candidate("payload", 1, "link", (), {}, True),)
+        search.candidates.members += (Candidate(EFFECTS["payload"], 1, (), {}, True),)
         search.screened.append(SimpleNamespace(effects=(2,), evidence=-60.0, presence_probability=large))
-        search.fitted[0].evidence = lambda *_: -60.0
+        search.fits[0].tempered_evidence = lambda *_: -60.0
         found = score_hypotheses(search)
         assert found.verdict == ()
         return found.uncalibrated_probability
@@ -195,7 +212,7 @@ def test_what_was_not_worth_a_fit_is_none_as_far_as_it_is_too_small_to_count() -
 def test_what_is_too_small_is_not_in_the_set() -> None:
     names = ("current_bias@2", "thermal_friction@2")
     assert (
-        _drop_negligible(names, dict(zip(names, (0.99, 3.0), strict=True)), {(): -9.0, names: 0.0}, PLACES) == names[1:]
+        _drop_negligible(names, dict(zip(names, (0.99, 3.0), strict=True)), {(): -9.0, names: 0.0}, TRAITS) == names[1:]
     )
 
 
@@ -228,7 +245,10 @@ def fit(s: float, left: float, level: float = 1.0, lacks: float | None = None) -
     at = SimpleNamespace(s=s, noise_level=level)
     reached = -100.0 * (left if lacks is None else lacks)
     return SimpleNamespace(
-        score=SimpleNamespace(at=at), reached=reached, noise_only_evidence=0.0, unexplained_torque=np.array([left, 0.0])
+        score=SimpleNamespace(posterior=at),
+        evidence_here=reached,
+        noise_only_evidence=0.0,
+        unexplained_torque=np.array([left, 0.0]),
     )
 
 

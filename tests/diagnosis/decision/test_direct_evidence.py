@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.diagnosis.decision.direct_evidence import (
@@ -27,12 +28,19 @@ USUAL = {
     "eccentricity_cosine": (3e-4, -0.1, 0.1),
     "sensor_delay": (2e-3, -0.01, 0.02),
 }
+TERMS = {
+    "encoder_bias": ("encoder_bias", "constant"),
+    "eccentricity_sine": ("encoder_eccentricity", "joint_sine"),
+    "eccentricity_cosine": ("encoder_eccentricity", "joint_cosine"),
+    "sensor_delay": ("sensor_delay", "joint_speed"),
+}
 
 
 def parameter(name: str) -> Parameter:
     typical, low, high = USUAL[name]
     fields = {"name": f"{name}_1", "unit": "1", "nominal": 0.0, "low": low, "high": high, "meaning": "", "joint": 1}
-    rest = {"effect": None, "role": "amplitude", "tolerance": 0.0, "starts": ()}
+    effect, term = TERMS[name]
+    rest = {"effect": effect, "role": "amplitude", "tolerance": 0.0, "starts": (), "encoder_term": term}
     return Parameter(**fields, **rest, typical=typical)  # type: ignore[arg-type]
 
 
@@ -61,7 +69,7 @@ def between(seed: int, strange: float = 3.0, **truth: float) -> EncoderDifferenc
 
 @pytest.mark.parametrize("seed", range(4))
 def test_an_age_is_read_off_though_the_torque_is_not_known(seed: int) -> None:
-    found = {one.name: one for one in _find_encoder_effects(within(between(seed, sensor_delay=3e-3)))}
+    found = {one.name: one for one in _find_encoder_effects(EFFECTS, within(between(seed, sensor_delay=3e-3)))}
     told = found["sensor_delay@1"]
     assert told.remaining_share < DIRECT_EVIDENCE_SHARE
     assert told.parameters["sensor_delay_1"] == pytest.approx(3e-3, rel=0.3)  # the torque goes with the speed, too
@@ -71,7 +79,7 @@ def test_an_age_is_read_off_though_the_torque_is_not_known(seed: int) -> None:
 def test_an_eccentricity_beside_an_age_is_read_off_too() -> None:
     found = {
         one.name: one
-        for one in _find_encoder_effects(within(between(7, 0.1, sensor_delay=3e-3, eccentricity_sine=1.1e-3)))
+        for one in _find_encoder_effects(EFFECTS, within(between(7, 0.1, sensor_delay=3e-3, eccentricity_sine=1.1e-3)))
     }
     assert {name for name, one in found.items() if one.remaining_share < DIRECT_EVIDENCE_SHARE} >= {
         "sensor_delay@1",
@@ -87,9 +95,11 @@ def test_a_cable_is_no_eccentricity(seed: int) -> None:
     pulled = replace(
         one, twist=one.twist + 6.0 * one.angle / STIFFNESS, motor_terms=one.motor_terms + 6.0 * one.angle[:, None]
     )
-    assert [found for found in _find_encoder_effects(pulled) if found.remaining_share < DIRECT_EVIDENCE_SHARE]
+    assert [found for found in _find_encoder_effects(EFFECTS, pulled) if found.remaining_share < DIRECT_EVIDENCE_SHARE]
     assert not [
-        found for found in _find_encoder_effects(within(pulled)) if found.remaining_share < DIRECT_EVIDENCE_SHARE
+        found
+        for found in _find_encoder_effects(EFFECTS, within(pulled))
+        if found.remaining_share < DIRECT_EVIDENCE_SHARE
     ]
 
 
@@ -97,13 +107,17 @@ def test_a_cable_is_no_eccentricity(seed: int) -> None:
 def test_where_there_is_nothing_nothing_is_read_off(seed: int) -> None:
     """The torque that is not known twists the joint by a third of a milliradian, and no encoder errs."""
     assert not [
-        one for one in _find_encoder_effects(within(between(seed))) if one.remaining_share < DIRECT_EVIDENCE_SHARE
+        one
+        for one in _find_encoder_effects(EFFECTS, within(between(seed)))
+        if one.remaining_share < DIRECT_EVIDENCE_SHARE
     ]
 
 
 def test_what_is_too_small_to_count_is_not_named() -> None:
     assert not [
-        one for one in _find_encoder_effects(within(between(3, sensor_delay=4e-4))) if one.name == "sensor_delay@1"
+        one
+        for one in _find_encoder_effects(EFFECTS, within(between(3, sensor_delay=4e-4)))
+        if one.name == "sensor_delay@1"
     ]
 
 
@@ -125,7 +139,7 @@ def decision(said: str, **probable: float) -> Decision:
     atoms = [SimpleNamespace(name=name, place=place) for name, place in PLACES.items()]
     fits: dict[str, Any] = {name: SimpleNamespace(names=name) for name in probable}
     for fit in fits.values():
-        fit.design = SimpleNamespace(words=SimpleNamespace(atoms=atoms))
+        fit.sensitivities = SimpleNamespace(candidates=SimpleNamespace(members=atoms))
 
     def named(key: str) -> tuple[str, ...]:
         names = key.replace("_at_", "@").split("_and_") if key != "none" else []
@@ -172,7 +186,7 @@ def test_a_set_that_was_fitted_with_it_is_said_and_probabilities_stay_as_calibra
 )
 def test_what_shows_at_the_same_place_stands_for_it(verdict: str, seen: str, added: bool) -> None:
     given = decision(verdict, **{verdict: 0.9, "joint_damping_at_1": 0.1})
-    found = add_direct_evidence(given, [DirectEvidence(seen, {}, 0.1)])
+    found = add_direct_evidence(given, [DirectEvidence(seen, {}, 0.1, seen.startswith("encoder"))])
     assert (seen in found.verdict) is added
     assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
 

@@ -52,7 +52,7 @@ def test_blocks_are_those_of_the_gap() -> None:
 
 def test_a_set_that_predicts_several_times_worse_does_not_lead() -> None:
     search = beside_a_bias(0.5, 0.0, alone=-1.0)
-    search.fitted[2].evidence = lambda *_: 1.0  # none is likelier in short windows
+    search.fits[2].tempered_evidence = lambda *_: 1.0  # none is likelier in short windows
     assert score_hypotheses(search).verdict == ()
     assert score_hypotheses(search, {(): -30.0, THERMAL: 0.0}).verdict == THERMAL
     leads = score_hypotheses(search, {THERMAL: -90.0, ("current_bias@2", *THERMAL): -90.0, (): 0.0})

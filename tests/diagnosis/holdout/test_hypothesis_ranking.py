@@ -111,5 +111,5 @@ def test_only_what_may_be_there_in_its_place_is_confounded_with_an_effect(name: 
     hypotheses = [Hypothesis(n, p, None) for n, p in sets.items()]
     decision: Any = SimpleNamespace(verdict=verdict, hypotheses=hypotheses, direct_evidence={})
     assert (_compute_alternative_probability(decision, name, other) > LEAST_ALTERNATIVE_PROBABILITY) is instead
-    decision.beside = {name: {}}  # read off, and surely there
+    decision.direct_evidence = {name: {}}  # read off, and surely there
     assert _compute_alternative_probability(decision, name, other) == 0.0

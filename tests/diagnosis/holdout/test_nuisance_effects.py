@@ -79,7 +79,7 @@ def test_what_was_moved_to_an_end_of_its_range_is_told(build: Builder) -> None:
     ends = {}
     for value in (spring.nominal, spring.low, 0.5 * spring.high, spring.high):
         fit = stands(arm, words, 0.0, 0.01, (atom,))
-        fit.design.point.p[list(arm.parameters.described).index(spring.name)] = value
+        fit.sensitivities.point.p[list(arm.parameters.described).index(spring.name)] = value
         ends[value] = estimate_parameters(fit, atom)[spring.name]["end"]
     assert spring.low == spring.nominal == 0.0  # no spring at all: nowhere to go, and nothing to say
     assert ends == {0.0: None, 0.5 * spring.high: None, spring.high: "high"}
@@ -103,7 +103,7 @@ def test_of_two_walls_the_one_that_the_log_does_not_tell_is_not_there(
         if c.candidate == atom:
             side = c.parameter.split("_")[2]
             fit.posterior[0][k], units[side] = std * sizes[side], c.unit
-            fit.design.point.p[places.index(c.parameter)] = std * sizes[side] * c.unit
+            fit.sensitivities.point.p[places.index(c.parameter)] = std * sizes[side] * c.unit
     found = estimate_parameters(fit, atom)
     told = [found[f"contact_stiffness_{side}_1"]["value"] / (std * units[side]) for side in ("above", "below")]
     assert told == pytest.approx(there)
@@ -130,7 +130,7 @@ def test_what_a_base_leans_goes_with_any_verdict_that_does_not_name_it(build: Bu
         fit, said, before, before, held, lambda changed: replay(changed, log)
     )  # it is not listed, too
     place = list(arm.parameters.described).index("gravity_y")
-    fit.design.point.p[place] = -9.9  # where the file has a tolerance for it
+    fit.sensitivities.point.p[place] = -9.9  # where the file has a tolerance for it
     assert build_hypothetical_verdict(fit, ()).base_parameters["gravity_y"] == pytest.approx(SIZE * usual["y"] - 9.9)
     named = next(k for k, atom in enumerate(words.members) if atom.effect == "gravity_tilt")
     assert not {"gravity_x", "gravity_y"} & set(

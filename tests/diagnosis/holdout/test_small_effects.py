@@ -18,7 +18,7 @@ def decided(*named: str, fitted: tuple[tuple[str, ...], ...] = (), **changes: An
     """A decision for ``named``, and the sets that were ``fitted`` beside it."""
     sets = (named, *fitted, ())
     fits: dict[tuple[str, ...], Any] = {
-        names: SimpleNamespace(names=names, reached=-float(k)) for k, names in enumerate(sets)
+        names: SimpleNamespace(names=names, evidence_here=-float(k)) for k, names in enumerate(sets)
     }
     others = [Hypothesis(names, 0.04 / len(fitted), fits[names]) for names in fitted]
     hypotheses = (Hypothesis(named, 0.95, fits[named]), *others, Hypothesis((), 0.01, fits[()]))
@@ -94,7 +94,7 @@ def test_below_the_noise_nothing_is_left_to_tell() -> None:
     assert after.verdict == (FRICTION,) and len(small) == 1
 
 
-def test_what_was_not_fittedwithout_it_stays() -> None:
+def test_what_was_not_fitted_without_it_stays() -> None:
     before = decided(FRICTION, TILT, fitted=((DELAY,),))
     after, small = drop(before, measured({(FRICTION, TILT): (38.5, 38.5)}))
     assert after is before and small == []

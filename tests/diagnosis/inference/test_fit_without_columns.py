@@ -11,10 +11,13 @@ from numpy.linalg import LinAlgError
 from test_shooting import shooting
 
 from hdagen.arm.build_loader import PlantError
-from hdagen.diagnosis.inference import local_fit
+from hdagen.diagnosis.inference import fit_steps
+from hdagen.diagnosis.inference.alternative_starts import refit_swapping
 from hdagen.diagnosis.inference.candidate_priors import NUISANCE_LIMIT, SPIKE_SCALES
-from hdagen.diagnosis.inference.local_fit import Fit, advance_fit, refit_swapping, start_fit
-from hdagen.diagnosis.inference.sensitivities import LIKELIHOOD_TEMPERATURE, OperatingPoint, compute_sensitivities
+from hdagen.diagnosis.inference.fit_steps import advance_fit
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
+from hdagen.diagnosis.inference.local_fit import Fit, start_fit
+from hdagen.diagnosis.inference.sensitivities import LIKELIHOOD_TEMPERATURE, OperatingPoint
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 
@@ -83,7 +86,7 @@ def test_a_hypothesis_whose_step_fails_stands_where_it_is(
 
     shooting, words = fit.sensitivities.shooting, fit.sensitivities.candidates
     failed, further = shooting.failure_count, replace(fit, has_converged=False, predicted_gain=1e3)
-    monkeypatch.setattr(local_fit, "descend_gauss_newton", fails)
+    monkeypatch.setattr(fit_steps, "descend_gauss_newton", fails)
     found = advance_fit(further, words)
     assert (
         found.has_converged

@@ -7,29 +7,31 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 
-from hdagen.diagnosis.inference import local_fit
+from hdagen.diagnosis.inference import fit_steps
 from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
+from hdagen.diagnosis.inference.fit_steps import advance_fit
 from hdagen.diagnosis.inference.gauss_newton import LEAST_EVIDENCE_STEP
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, LinearModel, NormalEquations
-from hdagen.diagnosis.inference.local_fit import STIFF_TORQUE_SHARE, Fit, advance_fit
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, NormalEquations
+from hdagen.diagnosis.inference.linear_model import LinearModel
+from hdagen.diagnosis.inference.local_fit import STIFF_TORQUE_SHARE, Fit
 from hdagen.diagnosis.inference.marginal_likelihood import (
     TORQUE_GRID,
     apply_laplace,
     compute_posteriors,
     solve_with_scales,
 )
-from hdagen.diagnosis.search import hypothesis_search, multistart
-from hdagen.diagnosis.search.fit_order import EFFECT_PENALTY, first_with_columns
-from hdagen.diagnosis.search.hypothesis_search import (
+from hdagen.diagnosis.search import close_calls, hypothesis_race, multistart
+from hdagen.diagnosis.search.fit_order import EFFECT_PENALTY, drop_undeserved, first_with_columns
+from hdagen.diagnosis.search.hypothesis_race import (
     CLOSE_CALL_MARGIN,
     LEAST_EVIDENCE_GAIN,
     LEAST_PROMISE_SHARE,
     OUTDONE_RATIO,
-    _drop_undeserved,
-    _run_race,
-    _start_promising,
+    run_race,
+    start_promising,
 )
 
 
@@ -75,7 +77,7 @@ def fit(evidence: float, ahead: float = 0.0, level: float = 1.0, **more: Any) ->
     """A fit that stands at ``evidence``, of which it has not yet reached ``ahead``, with windows at ``level``."""
     score = SimpleNamespace(evidence=evidence, posterior=SimpleNamespace(s=0.5, noise_level=level))
     at: Any = more.pop(
-        "design", SimpleNamespace(shooting=None, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
+        "sensitivities", SimpleNamespace(shooting=None, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
     )
     return Fit((1,), at, score, np.zeros(1), evidence, ahead, **more)  # type: ignore[arg-type]
 
@@ -116,7 +118,7 @@ def test_a_step_is_kept_that_beats_what_was_reached(
     tried: list[float],
 ) -> None:
     at = SimpleNamespace(shooting=None, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
-    begun, shares = fit(-100.0, ahead, level, design=at), []
+    begun, shares = fit(-100.0, ahead, level, sensitivities=at), []
 
     def descend(design: Any, atoms: Any, score: Any, share: float) -> Any:
         shares.append(share)
@@ -124,48 +126,52 @@ def test_a_step_is_kept_that_beats_what_was_reached(
         return (
             at
             if end is None
-            else SimpleNamespace(end=end, gram=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=end)
+            else SimpleNamespace(
+                end=end, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=end
+            )
         )
 
-    monkeypatch.setattr(local_fit, "descend_gauss_newton", descend)
-    monkeypatch.setattr(local_fit, "_linearize_at", lambda shooting, words, atoms, point, near, clean: fit(point))
+    monkeypatch.setattr(fit_steps, "descend_gauss_newton", descend)
+    monkeypatch.setattr(fit_steps, "start_fit_at", lambda shooting, words, atoms, point, near, clean: fit(point))
     moved = advance_fit(begun, None)  # type: ignore[arg-type]
     assert moved.score.evidence == found and shares == tried
     assert moved.has_converged == (found == -100.0)
-    assert advance_fit(fit(-100.0, stands=True), None).score.evidence == -100.0  # type: ignore[arg-type]
+    assert advance_fit(fit(-100.0, has_converged=True), None).score.evidence == -100.0  # type: ignore[arg-type]
 
 
 def test_a_fit_that_hardly_gets_better_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     there: Any = SimpleNamespace(cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=0)
-    monkeypatch.setattr(local_fit, "descend_gauss_newton", lambda *given: there)
+    monkeypatch.setattr(fit_steps, "descend_gauss_newton", lambda *given: there)
     for gain in (0.5 * LEAST_EVIDENCE_STEP, 2 * LEAST_EVIDENCE_STEP):
-        monkeypatch.setattr(local_fit, "_linearize_at", lambda *given, end=-100.0 + gain: fit(end))
+        monkeypatch.setattr(fit_steps, "start_fit_at", lambda *given, end=-100.0 + gain: fit(end))
         assert advance_fit(fit(-100.0, 0.5), None).has_converged == (gain < LEAST_EVIDENCE_STEP)  # type: ignore[arg-type]
 
 
 def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """A step may end where a linear model promises much that the steps after it do not come to."""
     way = iter([(-95.0, 3.0), (-40.0, 200.0), (-60.0, 190.0)])
-    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: fit(*next(way)))
-    found = hypothesis_search._continue_fit(fit(-100.0, 1.0), None, 3, 1.0)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "advance_fit", lambda one, words: fit(*next(way)))
+    found = hypothesis_race.continue_fit(fit(-100.0, 1.0), None, 3, 1.0)  # type: ignore[arg-type]
     assert (found.score.evidence, found.evidence_here) == (-95.0, -98.0)
     realised = iter([(-40.0, 200.0), (-41.0, 10.0), (-41.0, 0.5), (-41.0, 0.5)])
-    monkeypatch.setattr(hypothesis_search, "advance_fit", lambda one, words: fit(*next(realised)))
-    assert hypothesis_search._continue_fit(fit(-100.0), None, 8, 1.0).evidence_here == -41.5  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "advance_fit", lambda one, words: fit(*next(realised)))
+    assert hypothesis_race.continue_fit(fit(-100.0), None, 8, 1.0).evidence_here == -41.5  # type: ignore[arg-type]
 
 
 class Runner(SimpleNamespace):
     """A fit that stands, with nothing to let go of."""
 
-    whole, stands, excess, clean = True, True, 1.0, 0.0
+    has_columns, has_converged, misfit_temperature, noise_only_evidence = True, True, 1.0, 0.0
 
-    def bare(self) -> Any:
+    def without_columns(self) -> Any:
         return self
 
 
 def runners(ends: dict[str, float]) -> Any:
     """A field by name and evidence."""
-    return [Runner(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()]
+    return [
+        Runner(effects=tuple(n), names=n, score=SimpleNamespace(evidence=e), evidence_here=e) for n, e in ends.items()
+    ]
 
 
 @pytest.mark.parametrize(
@@ -186,10 +192,10 @@ def test_who_trails_by_little_is_fitted_to_the_end(
         fitted.append(one.names)
         return one
 
-    monkeypatch.setattr(hypothesis_search, "_advance_with_report", further)
+    monkeypatch.setattr(hypothesis_race, "advance_with_report", further)
     ends = {"": 0.0, "leading": lead, "other": other}
-    monkeypatch.setattr(hypothesis_search, "_is_outdone", lambda none, lead: False)
-    found = _run_race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "_is_outdone", lambda none, lead: False)
+    found = run_race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", "other", ""]
     assert fitted.count("other") == rounds
 
@@ -197,11 +203,11 @@ def test_who_trails_by_little_is_fitted_to_the_end(
 def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
     )
     ends = {"": 0.0, "leading": 30 * CLOSE_CALL_MARGIN, "some": 4 * CLOSE_CALL_MARGIN, "faint": 2 * CLOSE_CALL_MARGIN}
-    monkeypatch.setattr(hypothesis_search, "_is_outdone", lambda none, lead: False)
-    found = _run_race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(hypothesis_race, "_is_outdone", lambda none, lead: False)
+    found = run_race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
     assert set(fitted) == {"", "leading", "some"}
     assert [f.names for f in found] == ["leading", "some", "faint", ""]
 
@@ -209,19 +215,21 @@ def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatc
 def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     most = 100.0
     gains = {"leading": most, "some": 1.1 * LEAST_PROMISE_SHARE * most, "faint": 0.9 * LEAST_PROMISE_SHARE * most}
-    words: Any = SimpleNamespace(members=[SimpleNamespace(name=name) for name in gains], fits=lambda *given: True)
+    words: Any = SimpleNamespace(
+        members=[SimpleNamespace(name=name) for name in gains], is_compatible=lambda *given: True
+    )
     at: Any = SimpleNamespace(shooting=SimpleNamespace(arm=None))
     scored: Any = [SimpleNamespace(effects=(), evidence=-7.0, posterior=SimpleNamespace(s=0.1))]
     scored += [SimpleNamespace(effects=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
-    monkeypatch.setattr(hypothesis_search, "start_fit", lambda at, words, atoms, near, start: atoms)
+    monkeypatch.setattr(hypothesis_race, "start_fit", lambda at, words, atoms, near, start: atoms)
     assert gains["faint"] > LEAST_EVIDENCE_GAIN
-    assert _start_promising(at, words, scored, {}, (), 9, LEAST_EVIDENCE_GAIN) == [(0,), (1,)]  # type: ignore[comparison-overlap]
+    assert start_promising(at, words, scored, {}, (), 9, LEAST_EVIDENCE_GAIN) == [(0,), (1,)]  # type: ignore[comparison-overlap]
 
 
 def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
     )
     field = runners(
         {
@@ -231,21 +239,23 @@ def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypa
             "b": 9.7 * CLOSE_CALL_MARGIN,
         }
     )
-    _run_race(field, None, (1, 1), lambda word: None)  # type: ignore[arg-type]
+    run_race(field, None, (1, 1), lambda word: None)  # type: ignore[arg-type]
     assert {name: fitted.count(name) for name in ("ab", "abc", "a", "b")} == {"ab": 2, "abc": 2, "a": 2, "b": 1}
 
 
 @pytest.mark.parametrize(("ahead", "leads"), [(0.9, "a"), (1.1, "ab")])
 def test_a_set_leads_only_if_it_is_ahead_by_more_than_the_prior_takes(ahead: float, leads: str) -> None:
     class Whole(Runner):
-        whole = True
+        has_columns = True
 
-        def bare(self) -> Any:
-            return Runner(**vars(self), whole=False)
+        def without_columns(self) -> Any:
+            return Runner(**vars(self), has_columns=False)
 
     ends = {"ab": ahead * EFFECT_PENALTY, "a": 0.0, "": -100.0}
-    field: Any = [Whole(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()]
-    found = _drop_undeserved(field)
+    field: Any = [
+        Whole(effects=tuple(n), names=n, score=SimpleNamespace(evidence=e), evidence_here=e) for n, e in ends.items()
+    ]
+    found = drop_undeserved(field)
     assert [f.names for f in found] == list(ends)  # none is lost
     assert first_with_columns(found).names == leads
 
@@ -256,10 +266,10 @@ def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_t
 ) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_search, "_advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
     )
     field = runners({"": -2000.0 * lacks, "leading": -2000.0})
-    found = _run_race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    found = run_race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", ""]
     assert fitted.count("leading") == 3 and fitted.count("") == rounds
 
@@ -267,12 +277,12 @@ def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_t
 def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:
     """Dry friction makes a small tilt no small matter; of a sine and a cosine of a known order a slope says all."""
     names = ["tilt_x", "tilt_y", "ripple_sine_1", "ripple_cosine_1", "ripple_order_1"]
-    q = SimpleNamespace(low=-10.0, high=10.0)
-    parameters = SimpleNamespace(described=dict.fromkeys(names, q), within=np.array, place=names.index)
+    described = {name: SimpleNamespace(low=-10.0, high=10.0, is_motor_order="order" in name) for name in names}
+    parameters = SimpleNamespace(described=described, clip_to_bounds=np.array, place=names.index)
     arm = SimpleNamespace(parameters=parameters)
     atoms = (
-        Candidate("gravity_tilt", 0, "link", ("tilt_x", "tilt_y"), {}, True),
-        Candidate("torque_ripple", 1, "motor", ("ripple_sine_1", "ripple_cosine_1"), {"ripple_order_1": 2.0}, True),
+        Candidate(EFFECTS["gravity_tilt"], 0, ("tilt_x", "tilt_y"), {}, True),
+        Candidate(EFFECTS["torque_ripple"], 1, ("ripple_sine_1", "ripple_cosine_1"), {"ripple_order_1": 2.0}, True),
     )
     columns = tuple(Column(name, k, 0.0, 1.0, 0.05, k // 2, False) for k, name in enumerate(names[:4]))
     words = CandidateSet(atoms, columns)
@@ -317,12 +327,12 @@ def test_what_begins_where_the_lead_stands_ends_where_it_does_not_come_close(
     monkeypatch: pytest.MonkeyPatch, steps: list[float], close: bool
 ) -> None:
     def runner(evidence: float) -> Any:
-        score, given_up = SimpleNamespace(evidence=CLOSE_CALL_MARGIN * evidence), SimpleNamespace(whole=False)
-        given = {"names": ("one",), "excess": 1.0, "whole": True, "bare": lambda: given_up}
-        return SimpleNamespace(atoms=(0,), score=score, reached=score.evidence, **given)
+        score, given_up = SimpleNamespace(evidence=CLOSE_CALL_MARGIN * evidence), SimpleNamespace(has_columns=False)
+        given = {"names": ("one",), "misfit_temperature": 1.0, "has_columns": True, "without_columns": lambda: given_up}
+        return SimpleNamespace(effects=(0,), score=score, evidence_here=score.evidence, **given)
 
     walk = [runner(step) for step in steps]
-    monkeypatch.setattr(hypothesis_search, "_advance_with_report", lambda words, say, when, one: walk.pop(0))
+    monkeypatch.setattr(close_calls, "advance_with_report", lambda words, say, when, one: walk.pop(0))
     begin: Any = (lambda lead, words, atoms: runner(-4.0), (0,))
-    found = hypothesis_search._fit_from_leader(runner(0.0), None, lambda word: None, begin)  # type: ignore[arg-type]
+    found = close_calls.fit_from_leader(runner(0.0), None, lambda word: None, begin)  # type: ignore[arg-type]
     assert found.has_columns == close and not walk

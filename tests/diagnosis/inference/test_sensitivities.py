@@ -8,22 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
-from hdagen.diagnosis.inference import gauss_newton, local_fit
+from hdagen.diagnosis.inference import alternative_starts, gauss_newton
+from hdagen.diagnosis.inference.alternative_starts import refit_from_start
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
-from hdagen.diagnosis.inference.local_fit import refit_from_start
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
-from hdagen.diagnosis.inference.sensitivities import (
-    OperatingPoint,
-    Sensitivities,
-    compute_sensitivities,
-    weigh_residual,
-)
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.rollout import Rollout
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, weigh_residual
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.null_model import make_nominal_point
@@ -79,11 +77,11 @@ def test_what_flies_apart_has_no_slope_beyond_its_channels_ranges(shooting: Mult
     good = shooting.predict_near
 
     class Flying(SimpleNamespace):
-        def near(self, here: Any, lanes: Any) -> list[np.ndarray]:
+        def predict_near(self, here: Any, lanes: Any) -> list[np.ndarray]:
             base = shooting.predict(here)
             return [1e200 * np.sign(seen - base) for seen in good(here, lanes)]
 
-    flying: Any = Flying(**{name: getattr(shooting, name) for name in ("arm", "record", "m", "recalled")})
+    flying: Any = Flying(**{name: getattr(shooting, name) for name in ("arm", "record", "m", "predict_with_memory")})
     at = compute_sensitivities(flying, words, OperatingPoint(*shooting.nominal_start()))
     most = 2.0 * np.ptp(shooting.record.samples, axis=0) / shooting.record.sample_noise
     steps = np.array([c.step for c in words.columns])
@@ -95,21 +93,21 @@ def test_a_set_begins_anew_from_the_robot_files_numbers_with_its_own_effects(mon
     names = ["mass_1", "payload_mass_2", "contact_stiffness_above_1", "contact_above_1"]
     arm = SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(names)))
     atoms = (
-        Candidate("payload", 2, "link", ("payload_mass_2",), {}, True),
-        Candidate("contact", 1, "link", ("contact_stiffness_above_1",), {"contact_above_1": 1.0}, True),
+        Candidate(EFFECTS["payload"], 2, ("payload_mass_2",), {}, True),
+        Candidate(EFFECTS["contact"], 1, ("contact_stiffness_above_1",), {"contact_above_1": 1.0}, True),
     )
     bent = SimpleNamespace(p=np.array([9.0, 0.5, 70.0, 0.8]))
-    shooting = SimpleNamespace(arm=arm, begun=lambda p: p[:1])
+    shooting = SimpleNamespace(arm=arm, measured_initial_states=lambda p: p[:1])
     at = SimpleNamespace(shooting=shooting, point=bent)
     fit: Any = SimpleNamespace(
-        sensitivities=at, score=SimpleNamespace(at=SimpleNamespace(s=0.1)), noise_only_evidence=-1.0
+        sensitivities=at, score=SimpleNamespace(posterior=SimpleNamespace(s=0.1)), noise_only_evidence=-1.0
     )
-    monkeypatch.setattr(local_fit, "_linearize_at", lambda shooting, words, atoms, point, near, clean: point)
+    monkeypatch.setattr(alternative_starts, "start_fit_at", lambda shooting, words, atoms, point, near, clean: point)
     start = OperatingPoint(np.array([1.0, 0.0, 0.0, 1.0]), np.zeros(1))
     for some, p in (((0,), [1.0, 0.5, 0.0, 1.0]), ((0, 1), [1.0, 0.5, 70.0, 0.8])):
         begun: Any = refit_from_start(start, fit, CandidateSet(atoms, ()), some)
         np.testing.assert_array_equal(begun.p, p)
-        np.testing.assert_array_equal(begun.begun, [1.0])  # where the windows begin is told by its own numbers
+        np.testing.assert_array_equal(begun.initial_states, [1.0])  # where the windows begin is told by its own numbers
     np.testing.assert_array_equal(start.p, [1.0, 0.0, 0.0, 1.0])
 
 
@@ -143,7 +141,9 @@ def test_points_that_are_looked_at_together_are_what_each_is_alone(shooting: Mul
         p = at.point.p.copy()
         p[c.index] += (0.1 + k) * c.step * c.unit
         points.append(OperatingPoint(p, at.point.initial_states))
-    left = np.stack([weigh_residual(shooting, shooting.predict(Rollout(point.p, point.begun))) for point in points])
+    left = np.stack(
+        [weigh_residual(shooting, shooting.predict(Rollout(point.p, point.initial_states))) for point in points]
+    )
     found = at.batch_residuals(points, left)
     for z, r2, own_theta, point, own in zip(found.z, found.r2, found.theta, points, left, strict=True):
         theta = words.to_theta(point.p)

@@ -16,14 +16,16 @@ from hdagen.arm import delayed_sensors as late
 from hdagen.arm.compiled_arm import MOST_MEMORY_DECAYS, Arm
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
-from hdagen.diagnosis.inference.local_fit import advance_fit, refit_without
+from hdagen.diagnosis.inference.alternative_starts import refit_without
+from hdagen.diagnosis.inference.fit_steps import advance_fit
+from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import start_fit as begin_fit
-from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting, Rollout
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.inference.rollout import Rollout
 from hdagen.diagnosis.inference.sensitivities import (
     OperatingPoint,
-    _finite_differences,
-    _step_parameter,
-    compute_sensitivities,
+    compute_finite_differences,
+    step_parameter,
     weigh_residual,
 )
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
@@ -349,7 +351,7 @@ def test_a_lane_that_reads_no_number_is_counted_and_left_out(quick: MultipleShoo
     flies[quick.arm.parameters.index("motor_inertia_1")] = 1e-9
     quick.predict(Rollout(flies, begun))
     assert quick.failure_count == before + 2
-    columns = _finite_differences(
+    columns = compute_finite_differences(
         quick, at.point, at.residual, [(Rollout(bad, begun), 0.1), (Rollout(p, begun + 1e-3), 1.0)]
     )
     assert not columns[0].any() and columns[1].any()
@@ -371,7 +373,7 @@ def test_what_a_fit_sets_stays_within_the_bounds_however_narrow(quick: MultipleS
     low, high = np.array([(one.low, one.high) for one in described.values()]).T
     for c in words.columns:
         point = make_nominal_point(sh, words)
-        lane, step = _step_parameter(sh, words, point, c)
+        lane, step = step_parameter(sh, words, point, c)
         assert (low <= lane.p).all() and (lane.p <= high).all(), c.parameter
         assert step and lane.p[c.index] == pytest.approx(point.p[c.index] + step * c.unit)
     for atom in words.members:

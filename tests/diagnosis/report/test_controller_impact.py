@@ -7,7 +7,8 @@ import pytest
 from replayed import simulated
 
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.guard_limits import Guard, Safe
+from hdagen.control.guarded_controller import Controller
 from hdagen.diagnosis.residuals.controller_impact import CONTROL_LAW, PRESS_DEPTH, WALL_STIFFNESS, compare_controllers
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from collections import Counter
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 import chromium
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 from compiled import Compiled
 from hostile_names import NAME, check_escaped
 from replayed import FLEXIBLE, RIGID, simulated
@@ -32,7 +34,7 @@ from hdagen.diagnosis.report import report_page
 from hdagen.diagnosis.report.effect_plots import average_in_bins, draw_effect
 from hdagen.diagnosis.report.sentences import MOST_NAMED_ALTERNATIVES, explain_confounding, write_verdict
 from hdagen.diagnosis.report.sentences import name_effect as in_words
-from hdagen.diagnosis.residuals.localization import localize_gap, trace_residual
+from hdagen.diagnosis.residuals.localization import localize_gap
 from hdagen.diagnosis.residuals.regressor_tests import (
     SIGNIFICANCE_LEVEL,
     Regressor,
@@ -41,6 +43,7 @@ from hdagen.diagnosis.residuals.regressor_tests import (
     find_concentrations,
 )
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque, see_residual_torque
+from hdagen.diagnosis.residuals.residual_trace import trace_residual
 from hdagen.diagnosis.residuals.spectra import Spectra, find_loudest_band
 from hdagen.diagnosis.residuals.whiteness import LJUNG_BOX_LAGS, measure_whiteness
 from hdagen.log.measured_log import Log
@@ -93,7 +96,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         causes.append({"effect": effect, "joint": int(joint), "probability": 0.9, "parameters": parameters})
         causes[-1] |= {
             "confounded_with": other,
-            "separate_by": separating_experiments.suggest_experiments(entry, other),
+            "separate_by": separating_experiments.suggest_experiments(EFFECTS, entry, other),
         }
     return {
         "schema": SCHEMA,
@@ -174,7 +177,7 @@ def seen(
     }
     said["gap"] |= {"interval": [0.9, 0.97], "by_channel": multiples}
     sight = see_residual_torque(arm, read_verdict(said), log, before, after)
-    said["where"] = localize_gap(sight, said["verdict"], np.ones(len(sight.log), bool))
+    said["where"] = localize_gap(sight, said["verdict"], np.ones(len(sight.motion.log), bool))
     return sight, said, log, before, after
 
 
@@ -233,7 +236,7 @@ def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
         _, said, log, before, _ = seen(arm, {entry: values})
         said |= {"verdict": ["unknown@2"], "parameters": {}}
         sight = see_residual_torque(arm, read_verdict(said), log, before, before)
-        (found,) = localize_gap(sight, said["verdict"], np.ones(len(sight.log), bool))
+        (found,) = localize_gap(sight, said["verdict"], np.ones(len(sight.motion.log), bool))
         assert (found["joint"], found["place"]) == (2, place)
         assert 0.3 < found["share"] <= 1.0
         assert draw_effect(sight, "unknown@2", place)
@@ -266,12 +269,12 @@ def test_a_picture_tells_how_far_the_effect_is_what_it_shows(arm: Arm, entry: st
 def test_one_encoder_a_joint_gives_the_balance_of_the_whole_joint(arm: Arm) -> None:
     entry, values = "coulomb_friction@2", {"coulomb_friction": 0.08}
     sight, said, *_ = seen(arm, {entry: values}, keep="motor|force")
-    assert not sight.has_both_sides
+    assert not sight.motion.has_both_sides
     assert (said["where"][0]["joint"], said["where"][0]["place"]) == (2, "motor")
     shown = trace_residual(sight, "motor", 2, entry)
     excess = 0.08 - arm.parameters.described["coulomb_friction_2"].nominal
-    slides = sight.is_sliding(2)[shown.instants]
-    direction = sight.direction[shown.instants, 1][slides]
+    slides = sight.motion.is_sliding(2)[shown.instants]
+    direction = sight.motion.direction[shown.instants, 1][slides]
     assert -np.mean(shown.before[slides] * direction) == pytest.approx(excess, rel=0.15)
 
 
@@ -428,35 +431,39 @@ def test_any_two_effects_have_an_experiment_that_parts_them() -> None:
     """Of their group, else what shows either, with both by name; asked from the other one's side, too."""
     for pair in combinations(NAMES, 2):
         one, other = (f"{name}@1" for name in pair)
-        said = separating_experiments.suggest_experiments(one, [other])
+        said = separating_experiments.suggest_experiments(EFFECTS, one, [other])
         assert said.startswith(f"Against {other}: ") and said.endswith(".")
-        if not any(set(pair) <= group.effects for group in separating_experiments.CONFUSED_GROUPS):
-            back = separating_experiments.suggest_experiments(other, [one])
+        if EFFECTS.find_group_experiment(*pair) is None:
+            back = separating_experiments.suggest_experiments(EFFECTS, other, [one])
             for name in pair:
-                does, shows = separating_experiments.EFFECT_EXPERIMENTS[name]
-                told = f"{does} ({name.replace('_', ' ')} {shows})"
+                experiment = EFFECTS[name].experiment
+                told = f"{experiment.action} ({name.replace('_', ' ')} {experiment.observation})"
                 assert told in said and told in back
-    said = separating_experiments.suggest_experiments("contact@1", ["command_delay@1", "payload@2", "command_delay@2"])
+    said = separating_experiments.suggest_experiments(
+        EFFECTS, "contact@1", ["command_delay@1", "payload@2", "command_delay@2"]
+    )
     assert said.count("Against") == 1 and said.count("command delay") == 1 == said.count("(contact ")
 
 
 def test_each_effect_shows_in_a_way_of_its_own() -> None:
-    assert set(separating_experiments.EFFECT_EXPERIMENTS) == set(NAMES)
-    assert len({shows for _, shows in separating_experiments.EFFECT_EXPERIMENTS.values()}) == len(NAMES)
+    assert set(EFFECTS) == set(NAMES)
+    assert len({traits.experiment.observation for traits in EFFECTS.values()}) == len(NAMES)
 
 
 def test_what_is_not_confounded_needs_no_experiment_and_each_stands_once() -> None:
-    assert separating_experiments.suggest_experiments("payload@2", []) == ""
-    said = separating_experiments.suggest_experiments("payload@2", ["torque_constant@1", "torque_constant@2"])
+    assert separating_experiments.suggest_experiments(EFFECTS, "payload@2", []) == ""
+    said = separating_experiments.suggest_experiments(EFFECTS, "payload@2", ["torque_constant@1", "torque_constant@2"])
     assert said.count("payload") == 1 and "torque_constant@1, torque_constant@2" in said
     assert separating_experiments.SAME_EFFECT_EXPERIMENT in separating_experiments.suggest_experiments(
-        "coulomb_friction@1", ["coulomb_friction@2"]
+        EFFECTS, "coulomb_friction@1", ["coulomb_friction@2"]
     )
 
 
-def test_every_effect_of_a_group_exists() -> None:
-    named = set().union(*(group.effects for group in separating_experiments.CONFUSED_GROUPS))
+def test_every_effect_that_another_one_names_exists_and_every_group_has_two() -> None:
+    named = {name for traits in EFFECTS.values() for name in (*traits.twins, traits.presupposes) if name}
     assert named <= set(NAMES)
+    members = Counter(group for traits in EFFECTS.values() for group in traits.confusion_groups)
+    assert set(members) == set(EFFECTS.group_experiments) and min(members.values()) > 1
 
 
 # -- the page ---------------------------------------------------------------------------------------------------------
@@ -567,7 +574,7 @@ def test_what_is_sure_beside_something_unknown_is_said_and_has_its_place(arm: Ar
     read_off = {"effect": "sensor_delay", "joint": 2, "parameters": {"sensor_delay": 4e-3}, "left": 0.07}
     said |= {"verdict": [named, "unknown@2"], "sure": False, "direct_evidence": [read_off]}
     assert write_verdict(said).startswith("Sensor delay on joint 2 is missing in the model (probability 0.90")
-    said["where"] = localize_gap(sight, said["verdict"], np.ones(len(sight.log), bool))
+    said["where"] = localize_gap(sight, said["verdict"], np.ones(len(sight.motion.log), bool))
     assert [(w["joint"], w["place"]) for w in said["where"][:2]] == [(2, "sensor"), (2, "motor")]
     page = write((sight, said, log, before, after), arm, tmp_path / "page.html")
     assert "is missing in the model" in page and "What commands and encoders show by themselves" in page
@@ -634,13 +641,15 @@ def test_the_page_is_silent_and_asks_for_nothing(arm: Arm, tmp_path: Path) -> No
 def test_of_what_an_effect_may_also_be_the_nearest_are_named(count: int) -> None:
     others = [f"{effect.name}@1" for effect in ALL][:count]
     cause = {"effect": "sensor_delay", "joint": 2, "probability": 0.6, "confounded_with": others, "separate_by": "-"}
-    said = explain_confounding({"verdict": ["sensor_delay@2"], "causes": [cause], "undetectable": []})
+    said = explain_confounding(EFFECTS, {"verdict": ["sensor_delay@2"], "causes": [cause], "undetectable": []})
     first = said.split("may also be ")[1].split(". ")[0]
     assert [o for o in others if in_words(o) in re.split(", (?!or one of)|, or", first)] == others[
         :MOST_NAMED_ALTERNATIVES
     ]
     assert (f"{count - MOST_NAMED_ALTERNATIVES} others" in said) == (count > MOST_NAMED_ALTERNATIVES)
-    assert separating_experiments.suggest_experiments("sensor_delay@2", others[:MOST_NAMED_ALTERNATIVES]) in said
+    assert (
+        separating_experiments.suggest_experiments(EFFECTS, "sensor_delay@2", others[:MOST_NAMED_ALTERNATIVES]) in said
+    )
 
 
 def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once() -> None:
@@ -649,15 +658,15 @@ def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once()
         {"effect": name[:-2], "joint": int(name[-1]), "probability": p, "confounded_with": [*{*likely} - {name}]}
         for name, p in likely.items()
     ]
-    said = explain_confounding({"verdict": [], "contradicted": None, "causes": causes, "undetectable": []})
+    said = explain_confounding(EFFECTS, {"verdict": [], "contradicted": None, "causes": causes, "undetectable": []})
     for name in ("stribeck friction on joint 1 (0.20)", "presliding friction on joint 1 (0.10)", "payload on joint 2"):
         assert said.count(name) == 1
     assert said.count("Against payload@2: ") == 1 and "contact" not in said
     assert "hdagen excite robot.toml --separate stribeck_friction@1,presliding_friction@1,payload@2\n" in said
     for few in (causes[:1], causes[3:]):
         assert "excite" not in explain_confounding(
-            {"verdict": [], "contradicted": None, "causes": few, "undetectable": []}
+            EFFECTS, {"verdict": [], "contradicted": None, "causes": few, "undetectable": []}
         )
     assert "payload" not in explain_confounding(
-        {"verdict": [], "contradicted": None, "causes": causes, "undetectable": ["payload@2"]}
+        EFFECTS, {"verdict": [], "contradicted": None, "causes": causes, "undetectable": ["payload@2"]}
     )

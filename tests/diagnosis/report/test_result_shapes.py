@@ -14,6 +14,7 @@ from typing import Any
 import arms
 import numpy as np
 import pytest
+from catalogue import EFFECTS
 from compiled import Compiled
 from hypothesis import given
 from hypothesis import strategies as st
@@ -113,7 +114,7 @@ def test_every_sentence_is_written(said: list[str]) -> None:
     one_changed = [(key, value) for key, values in MORE.items() for value in values]
     for sets, told, (key, value) in itertools.product(SETS, GAPS, one_changed):
         shown = content(said, sets, gap=told | {"floor": 1.0, "by_channel": CHANNEL}, **{key: value})
-        for text in (write_verdict(shown), explain_confounding(shown)):
+        for text in (write_verdict(shown), explain_confounding(EFFECTS, shown)):
             assert text and "nan" not in text and "None" not in text
 
 
@@ -137,7 +138,7 @@ def test_a_fleet_is_told_of_every_result(tmp_path: Path) -> None:
 # -- decisions --------------------------------------------------------------------------------------------------------
 
 ATOMS = [SimpleNamespace(name=FRICTION, place="motor"), SimpleNamespace(name=BIAS, place="sensor")]
-FIT: Any = SimpleNamespace(design=SimpleNamespace(words=SimpleNamespace(atoms=ATOMS)))
+FIT: Any = SimpleNamespace(sensitivities=SimpleNamespace(candidates=SimpleNamespace(members=ATOMS)))
 NAMES = ((FRICTION,), (BIAS,), (BIAS, FRICTION))
 
 
@@ -166,7 +167,7 @@ def test_every_decision_can_be_said(weights: list[float], strange: float | None,
         assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
         assert found.verdict in [h.names for h in found.hypotheses]
         for said in (list(found.verdict), [n for n in found.verdict if n.startswith("unknown@")]):  # or withdrawn
-            assert write_verdict(_told(found, said)) and explain_confounding(_told(found, said))
+            assert write_verdict(_told(found, said)) and explain_confounding(EFFECTS, _told(found, said))
 
 
 def _told(found: Decision, said: list[str]) -> dict[str, Any]:
