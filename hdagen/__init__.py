@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hdagen.api.robot_loading import load_robot
     from hdagen.arm.arm_parameters import Parameter
     from hdagen.arm.build_loader import PlantError
-    from hdagen.arm.compiled_arm import Arm, load
+    from hdagen.arm.compiled_arm import Arm
     from hdagen.arm.compiled_model import StepJacobians
     from hdagen.control.guard_limits import Guard, Safe
     from hdagen.control.guarded_controller import Controller, Fault
@@ -70,7 +70,6 @@ __all__ = [
     "circle",
     "diagnose",
     "excite",
-    "load",
     "load_robot",
     "read_diagnosis",
     "read_log",
@@ -88,7 +87,7 @@ _HOMES = {
     "api.robot_loading": ("load_robot",),
     "arm.arm_parameters": ("Parameter",),
     "arm.build_loader": ("PlantError",),
-    "arm.compiled_arm": ("Arm", "load"),
+    "arm.compiled_arm": ("Arm",),
     "arm.compiled_model": ("StepJacobians",),
     "control.guard_limits": ("Guard", "Safe"),
     "control.guarded_controller": ("Controller", "Fault"),

@@ -228,7 +228,7 @@ def test_the_readme_s_python_names_what_is_public() -> None:
 
 def test_the_reference_s_python_runs(build: Callable[..., Compiled]) -> None:
     code = "\n".join(blocks("python", text=(DOCS / "reference" / "python.md").read_text(encoding="utf-8")))
-    assert "hdagen.load(" in code
+    assert "hdagen.load_robot(" in code
     environment = {**os.environ, "HDAGEN_BUILD": str(build("paper").folder.parent)}
     command = [sys.executable, "-W", "error", "-c", code]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)

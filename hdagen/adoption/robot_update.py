@@ -12,7 +12,7 @@ from __future__ import annotations
 import difflib
 import math
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -101,18 +101,24 @@ def adopt(
     _check_parameters(found, label, wanted)
     if out is not None:
         _write_robot_file(label, file.to_bytes())
-    notes = [note.replace("nothing is added for it", "nothing is adopted for it") for note in notes]
-    notes += [
+    notes = _write_notes(notes, changes, further)
+    text = file.to_bytes().decode("utf-8-sig")
+    before = raw.decode("utf-8-sig").splitlines()
+    difference = difflib.unified_diff(before, text.splitlines(), str(robot), str(out or "corrected"), lineterm="")
+    return AdoptedRobot(text, (*changes, *further), tuple(notes), tuple(difference))
+
+
+def _write_notes(notes: Sequence[str], changes: Sequence[Change], further: Sequence[Change]) -> list[str]:
+    """Sentences on what was adopted, and on the steps that the corrected model needs."""
+    said = [note.replace("nothing is added for it", "nothing is adopted for it") for note in notes]
+    said += [
         f"{change.where}: {change.before:.6g} {change.unit} does not carry the corrected model, {change.after:.6g} "
         "does; this is of the integration, and the robot is the same."
         for change in further
     ]
     if not changes:
-        notes.append("The diagnosis changes nothing: what is written is the robot file as it was.")
-    text = file.to_bytes().decode("utf-8-sig")
-    before = raw.decode("utf-8-sig").splitlines()
-    difference = difflib.unified_diff(before, text.splitlines(), str(robot), str(out or "corrected"), lineterm="")
-    return AdoptedRobot(text, (*changes, *further), tuple(notes), tuple(difference))
+        said.append("The diagnosis changes nothing: what is written is the robot file as it was.")
+    return said
 
 
 def _build_candidate(candidate: Path, file: RobotFile, arm: Arm, profile: str) -> tuple[Arm, list[Change]]:

@@ -180,7 +180,7 @@ def apply_verdict(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
     absent = ", ".join(f'"{name}"' for name in _list_absent_effects(arm, verdict))
     if absent:
         raise PlantError(
-            f"{verdict.source}: the model lacks {absent}; load it with hdagen.load(robot, effects=({absent},))."
+            f"{verdict.source}: the model lacks {absent}; load it with hdagen.load_robot(robot, effects=({absent},))."
         )
     described, stated = arm.parameters.described, verdict.effect_parameters
     missing = [name for name in (*stated, *verdict.base_parameters) if name not in described]

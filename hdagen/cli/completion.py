@@ -27,7 +27,7 @@ class PrintCompletion(argparse.Action):
         for action in list_actions(parser):
             if action.type is Path or action.dest in FILE_ARGUMENTS:
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
-        print(shtab.complete(parser, shell=str(values)))
+        print(shtab.complete(parser, str(values)))
         parser.exit()
 
 

@@ -126,8 +126,15 @@ def find_time_problems(
             " in all: log time with more digits; or, in columns.toml under [time], give the period, where rows are"
             ' even, or keep the first of each with duplicates = "first".'
         )
-    step = float(np.median(steps))
-    if not declared and not len(back) and step >= _LONGEST_PERIOD:
+    if not declared and not len(back):
+        problems += _find_unit_problems(source, float(np.median(steps)))
+    return problems
+
+
+def _find_unit_problems(source: str, step: float) -> list[str]:
+    """Find the unit that time seems to be in, where a usual step between rows, s, is that of no control loop."""
+    problems = []
+    if step >= _LONGEST_PERIOD:
         unit, word = "ns", "nano"
         if step < 100:
             unit, word = "ms", "milli"
@@ -137,7 +144,7 @@ def find_time_problems(
             f"{source}: time looks like {word}seconds (rows are {step:.6g} apart, and s is expected): set "
             f'unit = "{unit}" under [time] in columns.toml, or unit = "s" if it is right.'
         )
-    if not declared and not len(back) and 0 < step < _SHORTEST_PERIOD:
+    if 0 < step < _SHORTEST_PERIOD:
         problems.append(
             f"{source}: rows are {step:.3g} s apart, faster than any control loop: "
             "set unit under [time] in columns.toml, or period = the true step in s."

@@ -78,7 +78,7 @@ def test_gravity_may_lean_a_little_even_where_the_robot_file_states_none(
         ({"verdict": [], "parameters": {"mass_7": 1.0}}, "no parameter mass_7"),
         ({"causes": [{"effect": 3}]}, "object with effect and joint"),
         ({"verdict": ["unknown@5"]}, "at a joint that test arm does not have"),
-        ({}, "load it with hdagen.load"),
+        ({}, "load it with hdagen.load_robot"),
     ],
 )
 def test_a_diagnosis_that_does_not_fit_is_refused(changes: dict, words: str, made: Callable) -> None:

@@ -260,7 +260,7 @@ def test_a_renamed_folder_and_a_file_for_a_folder_are_refused(folder: Path, tmp_
     ],
 )
 def test_a_robot_that_is_none_is_one_sentence(tmp_path: Path, robot: str, changes: dict[str, Any], words: str) -> None:
-    sentence(lambda: hdagen.load(robot, out=tmp_path / "build", **changes), words)
+    sentence(lambda: hdagen.load_robot(robot, out=tmp_path / "build", **changes), words)
     assert not (tmp_path / "build").exists()
 
 
@@ -284,7 +284,7 @@ def test_a_child_that_says_much_on_both_pipes_does_not_hang(
         "sys.stdout.write('x' * 10**6 + chr(10)); sys.stdout.flush()\nsys.stderr.write('noise ' * 10**5 + chr(10))\n"
     )
     child(f"{lines}print('building it', file=sys.stderr)\nprint({str(folder)!r})")
-    assert hdagen.load("paper", out=tmp_path / "build").folder == folder
+    assert hdagen.load_robot("paper", out=tmp_path / "build").folder == folder
     assert capfd.readouterr().err == "building it\n", "only the message of a build is passed on"
 
 
@@ -301,7 +301,7 @@ def test_a_child_that_fails_is_one_sentence(
     child: Callable[[str], None], tmp_path: Path, body: str, words: str
 ) -> None:
     child(body)
-    sentence(lambda: hdagen.load("paper", out=tmp_path / "build"), words)
+    sentence(lambda: hdagen.load_robot("paper", out=tmp_path / "build"), words)
 
 
 def test_gen_beside_hdagen_builds_whatever_lies_in_the_working_directory(
@@ -310,7 +310,7 @@ def test_gen_beside_hdagen_builds_whatever_lies_in_the_working_directory(
     (tmp_path / "gen").mkdir()
     (tmp_path / "gen" / "__main__.py").write_text("raise SystemExit('foreign code ran')")
     monkeypatch.chdir(tmp_path)
-    sentence(lambda: hdagen.load("nowhere.toml", out=tmp_path / "build"), "found no such file")
+    sentence(lambda: hdagen.load_robot("nowhere.toml", out=tmp_path / "build"), "found no such file")
 
 
 def test_exact_sensors_are_without_error() -> None:

@@ -68,7 +68,7 @@ def test_a_ripple_is_sought_among_orders_of_which_a_cycle_was_run_through() -> N
     angle = np.linspace(0.0, TURN / 6, 400)
     log = Log(1e-3 * np.arange(400), {"motor_position_1": angle}, 1, "made")
     record = SimpleNamespace(
-        log=log, edges=np.array([[k, k + 50] for k in range(0, 400, 50)]), selected_windows=np.arange(8)
+        log=log, window_edges=np.array([[k, k + 50] for k in range(0, 400, 50)]), selected_windows=np.arange(8)
     )
     arm = SimpleNamespace(parameters={"ratio_1": 1.0})
     shooting: Any = SimpleNamespace(record=record, arm=arm)

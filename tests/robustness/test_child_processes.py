@@ -51,7 +51,7 @@ def slow(tmp_path: Path) -> Callable[[], list[int]]:
 
 
 GEN = ("-m", "gen", "build")
-HDAGEN = ("-c", "import sys, hdagen; hdagen.load(sys.argv[1])")
+HDAGEN = ("-c", "import sys, hdagen; hdagen.load_robot(sys.argv[1])")
 
 
 @pytest.mark.parametrize("program", [GEN, HDAGEN], ids=["gen", "hdagen"])

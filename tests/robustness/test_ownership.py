@@ -146,7 +146,7 @@ def test_nothing_is_built_where_it_could_not_be_loaded(tmp_path: Path) -> None:
     (tmp_path / "shared").mkdir()
     (tmp_path / "shared").chmod(0o777)
     with pytest.raises(PlantError, match="may be written by everyone"):
-        hdagen.load("emps", out=tmp_path / "shared" / "builds")
+        hdagen.load_robot("emps", out=tmp_path / "shared" / "builds")
     assert list((tmp_path / "shared").iterdir()) == []
 
 
@@ -155,7 +155,7 @@ def test_a_folder_in_the_place_of_a_robot_is_loaded_only_where_that_is_asked_for
 ) -> None:
     folder = build("paper").folder
     with pytest.raises(PlantError, match=r"found the folder of a build, possible are a preset or a robot\.toml"):
-        hdagen.load(folder)
+        hdagen.load_robot(folder)
     log = tmp_path / "log.csv"
     wanted = ["simulate", str(folder), "--seconds", "1", "--controller", "position", "--out", str(log), "--json"]
     assert main(wanted) == 2

@@ -141,33 +141,12 @@ def score_hypotheses(
         The decision.
 
     """
-    words = search.candidates
     fits: dict[tuple[str, ...], Fit] = {}
     for fit in search.fits:
         fits.setdefault(fit.names, fit)
     lead = next((fit for fit in search.fits if not predicted.get(fit.names)), search.fits[0])
-    temperature, excess = lead.temperature, lead.misfit_temperature
-    evidence: dict[tuple[str, ...], float] = {}
-    stands: dict[tuple[str, ...], Fit] = {}  # each set in its own fit if that is done, else where it is worth most
-    for fit in search.fits:
-        for lesser in fit.subsets:
-            names = fit.sensitivities.candidates.names_of(lesser)
-            if (worth := fit.tempered_evidence(temperature, lesser)) > evidence.get(names, -np.inf):
-                evidence[names], stands[names] = worth, fit
-    # a fit that was left on the way tells nothing of its set, where that is worth more within another one
-    own = {
-        names: fit
-        for names, fit in fits.items()
-        if fit.tempered_evidence(temperature, fit.effects) > evidence[names] - DECISION.most_evidence_deficit
-    }
-    stands |= own
-    linear = next(s.evidence for s in search.screened if not s.effects)
-    large: dict[tuple[str, ...], float] = {}
-    for s in search.screened:  # those that were not worth a fit, as far from none as in the linear model at most
-        names = tuple(words.members[k].name for k in s.effects)
-        if names not in evidence:
-            evidence[names] = evidence[()] + min(s.evidence - linear, 0.0) / excess
-            large[names] = s.presence_probability
+    evidence, stands, own = _collect_evidence(search, fits, lead.temperature)
+    large = _add_screened(search, evidence, lead.misfit_temperature)
     weight = _weigh_hypotheses(evidence, large, predicted)
     for names in sorted(fits, key=len):
         if (more := _add_shifted_base_parameters(fits[names])) != names and evidence.get(more, -np.inf) > evidence[
@@ -193,6 +172,42 @@ def score_hypotheses(
     if unknown:
         hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))
     return conclude_verdict(hypotheses, left)
+
+
+def _collect_evidence(
+    search: SearchResult, fits: Mapping[tuple[str, ...], Fit], temperature: float
+) -> tuple[dict[tuple[str, ...], float], dict[tuple[str, ...], Fit], dict[tuple[str, ...], Fit]]:
+    """The tempered log evidence of every set that a fit covers, the fit that each set stands in, and each set's own
+    fit where that is done."""
+    evidence: dict[tuple[str, ...], float] = {}
+    stands: dict[tuple[str, ...], Fit] = {}  # each set in its own fit if that is done, else where it is worth most
+    for fit in search.fits:
+        for lesser in fit.subsets:
+            names = fit.sensitivities.candidates.names_of(lesser)
+            if (worth := fit.tempered_evidence(temperature, lesser)) > evidence.get(names, -np.inf):
+                evidence[names], stands[names] = worth, fit
+    # a fit that was left on the way tells nothing of its set, where that is worth more within another one
+    own = {
+        names: fit
+        for names, fit in fits.items()
+        if fit.tempered_evidence(temperature, fit.effects) > evidence[names] - DECISION.most_evidence_deficit
+    }
+    stands |= own
+    return evidence, stands, own
+
+
+def _add_screened(
+    search: SearchResult, evidence: dict[tuple[str, ...], float], excess: float
+) -> dict[tuple[str, ...], float]:
+    """Add the evidence of the sets that were only screened, and return the probability that each is large."""
+    linear = next(s.evidence for s in search.screened if not s.effects)
+    large: dict[tuple[str, ...], float] = {}
+    for s in search.screened:  # those that were not worth a fit, as far from none as in the linear model at most
+        names = tuple(search.candidates.members[k].name for k in s.effects)
+        if names not in evidence:
+            evidence[names] = evidence[()] + min(s.evidence - linear, 0.0) / excess
+            large[names] = s.presence_probability
+    return large
 
 
 def _weigh_hypotheses(

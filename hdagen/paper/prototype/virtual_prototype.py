@@ -96,7 +96,7 @@ class Bench:
         """Load the prototype without the effects that are switched off in it: the same numbers in less time."""
         if LEAN_PROTOTYPE not in self.folders:
             whole = self.arm()
-            file = _open_preset(PROTOTYPE, whole)
+            file = RobotFile(find_preset_files()[PROTOTYPE].read_bytes(), whole)
             file.drop_zero_effects()
             with TemporaryDirectory() as place:
                 path = Path(place) / "lean.toml"
@@ -119,7 +119,7 @@ class Bench:
 
         def make() -> bytes:
             arm = self.arm(robot, changes)
-            file = _open_preset(robot, arm)
+            file = RobotFile(find_preset_files()[robot].read_bytes(), arm)
             for name, value in changes.items():
                 file.set_number(file.locate_parameter(name), value)
             file.update_dependent_numbers(arm)
@@ -143,10 +143,6 @@ class Bench:
             self._shared_results[key] = make()
         found: T = self._shared_results[key]
         return found
-
-
-def _open_preset(robot: str, arm: Arm) -> RobotFile:
-    return RobotFile(find_preset_files()[robot].read_bytes(), arm)
 
 
 def _with_sensors(text: bytes, sensors: Sensors) -> bytes:
