@@ -326,7 +326,8 @@ def test_what_the_code_imports_is_what_pyproject_asks_for() -> None:
     for_tests = needed | names(extras["test"])
     assert imported("gen") <= {IMPORTED_AS.get(name, name) for name in needed}
     assert imported("hdagen") <= {
-        IMPORTED_AS.get(name, name) for name in needed | names(extras["blind"]) | names(extras["paper"])
+        IMPORTED_AS.get(name, name)
+        for name in needed | names(extras["blind"]) | names(extras["paper"]) | names(extras["pandas"])
     }
     assert imported("tests") <= {IMPORTED_AS.get(name, name) for name in for_tests}
 

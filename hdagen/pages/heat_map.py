@@ -62,8 +62,6 @@ def draw_heat_map(
     rows, columns = cells.shape
     across = _check_edges(title, "x", x, columns, log_x)
     up = _check_edges(title, "y", y, rows, log_y)
-    if cells.size > VISIBLE_CELLS:
-        raise ValueError(f"figure {title!r}: {cells.size} cells are more than can be seen; use at most {VISIBLE_CELLS}")
     scale, stops = _color_scale(value_label, cells, center)
     shades = np.nan_to_num(scale.to_pixels(cells, SHADE_COUNT), nan=-1.0).clip(-1, SHADE_COUNT - 1).astype(int)
     axes = (_fit_edge_axis(x_label, across, log_x), _fit_edge_axis(y_label, up, log_y))
@@ -87,6 +85,8 @@ def _check_grid(title: str, values: ArrayLike) -> Array:
     grid = np.asarray(values, dtype=np.float64)
     if grid.ndim != 2:
         raise ValueError(f"figure {title!r}: values have shape {grid.shape}; give one row for every cell of y")
+    if grid.size > VISIBLE_CELLS:
+        raise ValueError(f"figure {title!r}: {grid.size} cells are more than can be seen; use at most {VISIBLE_CELLS}")
     return as_samples(grid).reshape(grid.shape)
 
 

@@ -182,6 +182,9 @@ class MeasuredMotion:
         Args:
             joint: the joint.
 
+        Returns:
+            True where the motor slides (K).
+
         """
         direction = self.direction[:, joint - 1]
         good = direction != 0
