@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 CONDITION_MET = 5  # exit code: 4 is an error that hdagen did not foresee
-SPRING_EFFECT = "missing_compliance"  # a model with every effect has it only where a drive is given a spring
 UNEXPLAINED = "unknown"  # of a gap that no effect explains
 
 
@@ -69,7 +68,8 @@ def _find_joints_of_effects(robots: Iterable[str]) -> dict[str, set[int]]:
         joints = range(1, arm.n + 1)
         for effect in arm.manifest["effects"]:
             found.setdefault(effect["name"], set()).update(effect["joints"])
-        for name in (SPRING_EFFECT, UNEXPLAINED):
+        springs = [name for name, traits in arm.effects.items() if traits.series_spring]  # "all" leaves these out
+        for name in (*springs, UNEXPLAINED):
             found.setdefault(name, set()).update(joints)
     return found
 
