@@ -319,7 +319,7 @@ def missing_sections(function: Function) -> list[str]:
     named = re.findall(r"^ {4}\*{0,2}(\w+)(?: \(.*?\))?:", described[1], re.MULTILINE)
     missing += [f"Args: {argument}" for argument in arguments if argument not in named]
     gives = function.returns is not None and ast.unparse(function.returns) not in ("None", "NoReturn")
-    tells = re.match(r"(Return|Tell|Name|Count|List)\b", said)  # the sentence itself says what comes back
+    tells = re.match(r"(Return|Tell|Name|Count|List|Find)\b", said)  # the sentence itself says what comes back
     if gives and not tells and not re.search(r"^(Returns|Yields):", said, re.MULTILINE):
         missing.append("Returns")
     return missing

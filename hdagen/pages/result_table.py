@@ -84,9 +84,9 @@ class ResultTable:
             The table as a pandas.DataFrame.
 
         """
-        import pandas
+        import pyarrow
 
-        return pandas.DataFrame(self.to_dict())
+        return pyarrow.table(self.to_dict()).to_pandas()
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """The table by Arrow's C interface, as `pyarrow.table` and `polars.DataFrame` ask for it."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from replayed import FLEXIBLE, diagnosis, simulated
+from replayed import FLEXIBLE, diagnosis, erring, simulated
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
@@ -22,7 +22,6 @@ from hdagen.log.concatenation import concatenate_logs
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log, read, write
 from hdagen.prediction.window_replay import replay
-from tests.support.replayed import erring
 
 
 @pytest.fixture(scope="module")
