@@ -3,7 +3,9 @@
 A new effect is a file beside the others, and its name in one of the two lists.
 """
 
+from functools import cache
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from gen.effects.effect import Effect
 
@@ -49,11 +51,20 @@ ADDED_NAMES = (  # along the signal chain; effects at one port add up in this or
 )
 
 
-def _load_effect(name: str) -> Effect:
-    """The effect that the file of that name defines."""
-    effect: Effect = import_module(f"{__name__}.{name}").EFFECT
-    return effect
+if TYPE_CHECKING:
+    NOMINAL: tuple[Effect, ...]
+    ALL: tuple[Effect, ...]
 
 
-NOMINAL: tuple[Effect, ...] = tuple(map(_load_effect, NOMINAL_NAMES))
-ALL: tuple[Effect, ...] = (*NOMINAL, *map(_load_effect, ADDED_NAMES))
+@cache
+def _load_effects(names: tuple[str, ...]) -> tuple[Effect, ...]:
+    """The effects that the files of these names define; they need CasADi, which a robot file that is read does not."""
+    return tuple(import_module(f"{__name__}.{name}").EFFECT for name in names)
+
+
+def __getattr__(name: str) -> tuple[Effect, ...]:
+    if name == "NOMINAL":
+        return _load_effects(NOMINAL_NAMES)
+    if name == "ALL":
+        return _load_effects((*NOMINAL_NAMES, *ADDED_NAMES))
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

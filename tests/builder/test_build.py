@@ -133,7 +133,7 @@ def test_every_source_of_the_generator_is_in_the_name(
         changed.add(hash_build(b"", "portable", ()))
         path.write_bytes(content)
     assert len(changed) == len(sources) + 1
-    (copy / "drive.py").rename(copy / "drives.py")
+    (copy / "model" / "harmonic_drive.py").rename(copy / "model" / "harmonic_drives.py")
     builds._read_own_files.cache_clear()
     assert hash_build(b"", "portable", ()) not in changed
 
