@@ -214,8 +214,9 @@ def test_an_interrupt_keeps_what_is_finished_and_stops_the_rest(
     """By a real signal to the command; its children, in sessions of their own, end with it."""
     path = asked(a="find payload@2", b="sleep", c="find")
     program = (
-        "import sys; from functools import partial; from hdagen import fleet; from hdagen.__main__ import main\n"
-        f"fleet.diagnose = partial(fleet.diagnose, command={stand_in!r})\n"
+        "import sys; from functools import partial; from hdagen.__main__ import main\n"
+        "from hdagen.fleet import fleet_diagnosis as fleet\n"
+        f"fleet.diagnose_fleet = partial(fleet.diagnose_fleet, command={stand_in!r})\n"
         f"sys.exit(main(['diagnose', '--fleet', {str(path)!r}, '--jobs', '1', '--out', {str(tmp_path / 'out')!r}]))"
     )
     child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

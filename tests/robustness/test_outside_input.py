@@ -289,7 +289,7 @@ def test_memory_that_is_not_there_is_no_damaged_file(tmp_path: Path, monkeypatch
         raise MemoryError
 
     write({"time": np.arange(60) / 1000, **LOG}, tmp_path / "a.parquet")
-    monkeypatch.setattr(data_table, "_convert_to_float", full)
+    monkeypatch.setattr(data_table, "convert_to_float", full)
     with pytest.raises(LogError, match="not enough memory to read it"):
         read(tmp_path / "a.parquet")
 

@@ -194,11 +194,11 @@ def test_who_trails_by_little_is_fitted_to_the_end(
     """Where all are close, a third of what the best gains over none parts nobody."""
     fitted: list[str] = []
 
-    def further(words: Any, say: Any, when: str, one: Any) -> Any:
+    def further(words: Any, when: str, one: Any) -> Any:
         fitted.append(one.names)
         return one
 
-    monkeypatch.setattr(hypothesis_race, "advance_with_report", further)
+    monkeypatch.setattr(hypothesis_race, "advance_with_note", further)
     ends = {"": 0.0, "leading": lead, "other": other}
     monkeypatch.setattr(hypothesis_race, "_is_outdone", lambda none, lead: False)
     found = run_race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
@@ -209,7 +209,7 @@ def test_who_trails_by_little_is_fitted_to_the_end(
 def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_note", lambda words, when, one: fitted.append(one.names) or one
     )
     ends = {
         "": 0.0,
@@ -244,7 +244,7 @@ def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkey
 def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_note", lambda words, when, one: fitted.append(one.names) or one
     )
     field = runners(
         {
@@ -281,7 +281,7 @@ def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_t
 ) -> None:
     fitted: list[str] = []
     monkeypatch.setattr(
-        hypothesis_race, "advance_with_report", lambda words, say, when, one: fitted.append(one.names) or one
+        hypothesis_race, "advance_with_note", lambda words, when, one: fitted.append(one.names) or one
     )
     field = runners({"": -2000.0 * lacks, "leading": -2000.0})
     found = run_race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
@@ -350,7 +350,7 @@ def test_what_begins_where_the_lead_stands_ends_where_it_does_not_come_close(
         return SimpleNamespace(effects=(0,), score=score, evidence_here=score.evidence, **given)
 
     walk = [runner(step) for step in steps]
-    monkeypatch.setattr(close_calls, "advance_with_report", lambda words, say, when, one: walk.pop(0))
+    monkeypatch.setattr(close_calls, "advance_with_note", lambda words, when, one: walk.pop(0))
     begin: Any = (lambda lead, words, atoms: runner(-4.0), (0,))
-    found = close_calls.fit_from_leader(runner(0.0), None, lambda word: None, begin)  # type: ignore[arg-type]
+    found = close_calls.fit_from_leader(runner(0.0), None, begin)  # type: ignore[arg-type]
     assert found.has_columns == close and not walk
