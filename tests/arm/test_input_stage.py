@@ -183,7 +183,7 @@ def test_what_one_effect_stands_in_for_is_parted_by_the_currents(arm: Arm) -> No
     arm.parameters.update({"command_delay_1": 3.4e-3, "current_lag_1": 2e-3})
     _, at = arm.apply_input_stage(command, dt, BEFORE)
     record: Any = SimpleNamespace(
-        log={"motor_current_1": at[:, 0]}, command=command, steps=dt, initial_input=BEFORE, visible_rows=shown
+        log={"motor_current_1": at[:, 0]}, command=command, time_steps=dt, initial_input=BEFORE, visible_rows=shown
     )
     p = np.array([q.nominal for q in arm.parameters.described.values()])
     p[list(arm.parameters.described).index("command_delay_1")] = 5.4e-3

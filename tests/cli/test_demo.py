@@ -278,7 +278,13 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
 
 
 @pytest.mark.parametrize(
-    ("module", "name"), [(demo_runs, "estimate"), (demo_runs, "shipped"), (demo_page, "verdict"), (page.os, "replace")]
+    ("module", "name"),
+    [
+        (demo_runs, "estimate_torques"),
+        (demo_runs, "replay_shipped_log"),
+        (demo_page, "format_demo_verdict"),
+        (page.os, "replace"),
+    ],
 )
 def test_an_interrupt_leaves_nothing_half_written(
     here: Path, shown: demo_runs.DemoResult, monkeypatch: pytest.MonkeyPatch, module: Any, name: str

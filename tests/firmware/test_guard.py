@@ -149,7 +149,7 @@ def test_the_first_faults_inputs_are_kept(library: Library) -> None:
     peeked = arm.library.c.hda_guard_read(ct.byref(arm.guard), None)
     name, fault = arm.read()
     assert name == NAME[peeked] == "HDA_FAULT_JOINT_JUMP"
-    assert (fault.index, fault.later_faults, fault.now) == (1, 2, at)
+    assert (fault.index, fault.further, fault.now) == (1, 2, at)
     assert bytes(fault.measurement) == measured
     assert fault.reference[: fault.reference_count] == [7.0, 8.0, 9.0]
     assert np.array_equal(fault.sent, np.full(library.n, 0.015)), (

@@ -50,7 +50,7 @@ def refused(folder: Path) -> str:
 
 
 def test_both_halves_have_the_same_rule() -> None:
-    assert (ROOT / "gen" / "ownership.py").read_bytes() == (ROOT / "hdagen" / "ownership.py").read_bytes()
+    assert (ROOT / "gen/builder/ownership.py").read_bytes() == (ROOT / "hdagen/support/ownership.py").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_what_another_user_owns_counts(tmp_path: Path) -> None:
 AS_ANOTHER = """
 import os, sys, tempfile
 sys.path.insert(0, sys.argv[1])
-from hdagen import ownership
+from hdagen.support import ownership
 from pathlib import Path
 from types import SimpleNamespace
 os.setgroups([]); os.setgid({user}); os.setuid({user}); os.umask(0o002)

@@ -208,9 +208,7 @@ def test_who_trails_by_little_is_fitted_to_the_end(
 
 def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
-    monkeypatch.setattr(
-        hypothesis_race, "advance_with_note", lambda words, when, one: fitted.append(one.names) or one
-    )
+    monkeypatch.setattr(hypothesis_race, "advance_with_note", lambda words, when, one: fitted.append(one.names) or one)
     ends = {
         "": 0.0,
         "leading": 30 * SEARCH.close_call_margin,
@@ -243,9 +241,7 @@ def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkey
 
 def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted: list[str] = []
-    monkeypatch.setattr(
-        hypothesis_race, "advance_with_note", lambda words, when, one: fitted.append(one.names) or one
-    )
+    monkeypatch.setattr(hypothesis_race, "advance_with_note", lambda words, when, one: fitted.append(one.names) or one)
     field = runners(
         {
             "ab": 10 * SEARCH.close_call_margin,
@@ -280,9 +276,7 @@ def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_t
     monkeypatch: pytest.MonkeyPatch, lacks: float, rounds: int
 ) -> None:
     fitted: list[str] = []
-    monkeypatch.setattr(
-        hypothesis_race, "advance_with_note", lambda words, when, one: fitted.append(one.names) or one
-    )
+    monkeypatch.setattr(hypothesis_race, "advance_with_note", lambda words, when, one: fitted.append(one.names) or one)
     field = runners({"": -2000.0 * lacks, "leading": -2000.0})
     found = run_race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", ""]
