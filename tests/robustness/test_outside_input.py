@@ -333,7 +333,7 @@ def no_builds(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         raise AssertionError("a model was asked for")
 
     monkeypatch.chdir(tmp_path)
-    for module in ("plant", "verdict", "adopt", "diagnosis.diagnose"):
+    for module in ("arm.compiled_arm", "adoption.verdict", "adoption.robot_update", "diagnosis.data.models"):
         monkeypatch.setattr(f"hdagen.{module}.load", never)
     good(tmp_path)
     for name, text in {
