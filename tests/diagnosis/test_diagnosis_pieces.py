@@ -27,8 +27,8 @@ from hdagen.diagnosis.initialization.encoder_regression import (
     _regress_robustly,
     _split_encoder_bias,
 )
-from hdagen.diagnosis.search import close_calls, fit_order, hypothesis_race
-from hdagen.diagnosis.search.fit_order import drop_columns, first_with_columns
+from hdagen.diagnosis.search import close_calls, fit_ranking, hypothesis_race
+from hdagen.diagnosis.search.fit_ranking import drop_columns, first_with_columns
 from hdagen.diagnosis.search.hypothesis_race import _find_at_bound
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.support.heap_memory import tune_malloc
@@ -185,9 +185,9 @@ def test_where_no_effect_tells_anything_no_second_one_is_looked_for() -> None:
         pairs = (((), none), ((1,), best))
         return [SimpleNamespace(effects=atoms, noise_only_evidence=0.0, evidence_here=-lacks) for atoms, lacks in pairs]
 
-    assert fit_order.is_beyond_known_effects(fits(1300.0, 1240.0))
-    assert not fit_order.is_beyond_known_effects(fits(1300.0, 900.0))  # it tells a third
-    assert not fit_order.is_beyond_known_effects(fits(400.0, 390.0))  # little is left to be told at all
+    assert fit_ranking.is_beyond_known_effects(fits(1300.0, 1240.0))
+    assert not fit_ranking.is_beyond_known_effects(fits(1300.0, 900.0))  # it tells a third
+    assert not fit_ranking.is_beyond_known_effects(fits(400.0, 390.0))  # little is left to be told at all
 
 
 # -- what a motion tells ----------------------------------------------------------------------------------------------

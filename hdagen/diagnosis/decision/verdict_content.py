@@ -19,7 +19,7 @@ from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.local_fit import Fit
-from hdagen.diagnosis.search.fit_order import first_with_columns
+from hdagen.diagnosis.search.fit_ranking import first_with_columns
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
 

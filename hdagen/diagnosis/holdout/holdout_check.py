@@ -24,7 +24,7 @@ from hdagen.diagnosis.holdout.verdict_withdrawal import (
     withdraw_harmful,
 )
 from hdagen.diagnosis.inference.local_fit import Fit
-from hdagen.diagnosis.search.fit_order import sort_by_evidence
+from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
 

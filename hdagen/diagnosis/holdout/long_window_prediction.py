@@ -33,7 +33,7 @@ from hdagen.diagnosis.data.prepared_data import PreparedData
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.local_fit import Fit
-from hdagen.diagnosis.search.fit_order import charge_effects
+from hdagen.diagnosis.search.fit_ranking import charge_effects
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.prediction.window_replay import Replay

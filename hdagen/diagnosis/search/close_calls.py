@@ -12,7 +12,7 @@ import numpy as np
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.fit_settings import FIT
 from hdagen.diagnosis.inference.local_fit import Fit, restore_columns
-from hdagen.diagnosis.search.fit_order import charge_effects, drop_columns, sort_by_evidence
+from hdagen.diagnosis.search.fit_ranking import charge_effects, drop_columns, sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_race import advance_with_note, continue_fit, join_effect_names
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.stages.stage import Stage, StageListener

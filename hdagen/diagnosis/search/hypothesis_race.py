@@ -16,7 +16,7 @@ from hdagen.diagnosis.inference.gauss_newton import place_candidate
 from hdagen.diagnosis.inference.local_fit import Fit, rescale_spikes, start_fit
 from hdagen.diagnosis.inference.marginal_likelihood import ScoredHypothesis, compute_posteriors, score_candidate_sets
 from hdagen.diagnosis.inference.sensitivities import Sensitivities, select_columns
-from hdagen.diagnosis.search.fit_order import first_with_columns, keep_best_starts, place_by_size, sort_by_promise
+from hdagen.diagnosis.search.fit_ranking import first_with_columns, keep_best_starts, place_by_size, sort_by_promise
 from hdagen.diagnosis.search.multistart import Start, scan_sizes
 from hdagen.diagnosis.search.null_model import choose_spike_scale
 from hdagen.diagnosis.search.search_settings import SEARCH

@@ -22,7 +22,7 @@ from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, begin_sets
 from hdagen.diagnosis.search.close_calls import find_look_alikes, fit_from_leader, settle_close_calls
-from hdagen.diagnosis.search.fit_order import (
+from hdagen.diagnosis.search.fit_ranking import (
     drop_columns,
     drop_undeserved,
     first_with_columns,

@@ -24,7 +24,7 @@ from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
-from hdagen.diagnosis.search.fit_order import drop_columns, leaves_much, sort_by_evidence
+from hdagen.diagnosis.search.fit_ranking import drop_columns, leaves_much, sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_search import SearchResult, run_races
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.stages.stage import Stage, StageListener

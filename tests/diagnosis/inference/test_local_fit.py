@@ -24,7 +24,7 @@ from hdagen.diagnosis.inference.marginal_likelihood import (
     solve_with_scales,
 )
 from hdagen.diagnosis.search import close_calls, hypothesis_race, multistart
-from hdagen.diagnosis.search.fit_order import drop_undeserved, first_with_columns
+from hdagen.diagnosis.search.fit_ranking import drop_undeserved, first_with_columns
 from hdagen.diagnosis.search.hypothesis_race import run_race, start_promising
 from hdagen.diagnosis.search.search_settings import SEARCH
 

@@ -18,7 +18,7 @@ from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
-from hdagen.diagnosis.search.fit_order import sort_by_evidence
+from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_search import search_hypotheses
 from hdagen.diagnosis.search.null_model import fit_null_model
 from hdagen.diagnosis.stages.stage import ignore_stage
