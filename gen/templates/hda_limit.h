@@ -1,4 +1,5 @@
-/* The torque limiter, and the finite test it rests on. Pure functions, no libm; proved in tests/firmware/test_guard_proof.py. */
+/* The torque limiter, and the finite test it rests on. Pure functions, no libm; proved in
+ * tests/firmware/test_guard_proof.py. */
 #ifndef HDA_LIMIT_H
 #define HDA_LIMIT_H
 
