@@ -13,7 +13,6 @@ from hdagen.adoption import verdict
 from hdagen.api.log_reading import ColumnSources, LogSource, read_log
 from hdagen.api.robot_loading import RobotSource, load_diagnosed_robot
 from hdagen.data_quality.log_repair import repair_for_replay
-from hdagen.data_quality.log_triage import triage_for_robot
 from hdagen.diagnosis.report.diagnosis_summary import DiagnosisSummary
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
@@ -57,8 +56,7 @@ def replay(
     arm = load_diagnosed_robot(robot, stated)
     window_replay.check_log_fits_arm(arm, measured)
     _refuse_missing_values(measured)
-    repaired, repairs = repair_for_replay(measured, arm)
-    seen = triage_for_robot(repaired, arm.robot)
+    repaired, repairs, seen = repair_for_replay(measured, arm)
     if seen.refusals:
         raise LogError([f"{repaired.source}: {sentence}" for sentence in seen.refusals])
     found = window_replay.replay(arm, repaired, window, input, stated)

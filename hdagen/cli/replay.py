@@ -144,9 +144,8 @@ def _repair_log(arm: Arm, log: Log, diagnosed: bool) -> tuple[Log, list[str], li
     if diagnosed:
         log, _, seen = repair_log(log, arm)
         return log, list(seen.warnings), []
-    log, mended = repair_for_replay(log, arm)
-    notes, refusals = triage_log(arm, log)
-    return log, notes + [one.sentence for one in mended], refusals
+    log, mended, seen = repair_for_replay(log, arm)
+    return log, [*seen.warnings, *(one.sentence for one in mended)], list(seen.refusals)
 
 
 def _load_arm(options: argparse.Namespace, stated: Verdict | None) -> Arm:
@@ -185,23 +184,6 @@ def _check_options(options: argparse.Namespace) -> None:
             problems.append(f"--out {options.out}: is the log itself, which would be lost; name another file.")
     if problems:
         raise PlantError("\n".join(problems))
-
-
-def triage_log(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
-    """Triage a log by the limits and sensors of a robot.
-
-    Args:
-        arm: The arm that the log is of.
-        log: The log.
-
-    Returns:
-        Warnings and refusals, in sentences.
-
-    """
-    from hdagen.data_quality.log_triage import triage_for_robot
-
-    seen = triage_for_robot(log, arm.robot)
-    return list(seen.warnings), list(seen.refusals)
 
 
 def _measure_force_error(arm: Arm, log: Log, options: argparse.Namespace) -> tuple[Array | None, list[str]]:

@@ -101,7 +101,7 @@ def repair_log(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
     return replace(log, notes=tuple(dict.fromkeys(notes))), repairs, seen
 
 
-def repair_for_replay(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+def repair_for_replay(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
     """Repair a log for a replay.
 
     Channels that contradict another one are left out, or scaled where the factor is plain, and the encoders of each
@@ -112,17 +112,19 @@ def repair_for_replay(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
         arm: The arm.
 
     Returns:
-        The repaired log and the repairs.
+        The repaired log, the repairs, and the triage of the repaired log.
 
     """
-    profile, repairs = LogProfile(log), list[Repair]()
+    profile, repairs, robot = LogProfile(log), list[Repair](), RobotFacts.from_robot(arm.robot)
     if any("_velocity_" in name for name in log.columns):
-        findings = examine_log(profile, RobotFacts.from_robot(arm.robot)).findings
+        findings = examine_log(profile, robot).findings
         found = [finding for finding in findings if finding.name == _CONTRADICTED]
         if found:
             profile, repairs = LogProfile(_apply_repairs(log, found)), _describe_repairs(found)
     log, drifting = _put_on_one_clock(profile, arm)
-    return log, repairs + drifting
+    if drifting:
+        profile = LogProfile(log)
+    return log, repairs + drifting, examine_log(profile, robot)
 
 
 def _put_on_one_clock(profile: LogProfile, arm: Arm) -> tuple[Log, list[Repair]]:

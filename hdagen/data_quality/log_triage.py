@@ -54,7 +54,7 @@ class Triage:
         duration: s.
         rate: Hz.
         jitter: Standard deviation of the time between stamps, without gaps, s.
-        even: Whether rows are taken as evenly spaced instead of the stamps.
+        is_even: Whether rows are taken as evenly spaced instead of the stamps.
         time_uncertainty: Standard deviation of an instant, s.
         dropped: The number of rows that are missing.
         gaps: The number of gaps in which they are missing.

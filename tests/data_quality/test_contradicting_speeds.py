@@ -10,8 +10,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.cli.replay import triage_log
 from hdagen.data_quality.log_repair import repair_for_replay, repair_log
+from hdagen.data_quality.log_triage import triage_for_robot
 from hdagen.diagnosis.report.sentences import _say_repairs
 from hdagen.log.measured_log import Log, write
 
@@ -42,9 +42,11 @@ def test_a_speed_that_contradicts_its_angle(times: float, says: str, scaled: boo
         assert mended[NAME] == pytest.approx(with_speed(good, 1.0)[NAME], rel=1e-6)
     else:
         assert NAME not in mended
-    alone, said = repair_for_replay(with_speed(good, times), arm)
+    alone, said, _ = repair_for_replay(with_speed(good, times), arm)
     assert [one.sentence for one in said] == [sentence] and (NAME in alone) is scaled
-    assert any("contradicts joint_position_2" in one for one in triage_log(arm, with_speed(good, times))[0])
+    assert any(
+        "contradicts joint_position_2" in one for one in triage_for_robot(with_speed(good, times), arm.robot).warnings
+    )
 
 
 def test_a_speed_that_agrees_is_kept(good: Log, arm: Arm) -> None:
@@ -82,7 +84,7 @@ def test_two_clocks_that_drift_apart_are_brought_together(rate: float, good: Log
     step = arm.robot["joints"][1]["sensor"]["joint_encoder_resolution"] or 1e-6
     late = np.round(CubicSpline(good.time, good["joint_position_2"])(seen) / step) * step
     apart = Log(good.time, {**good.columns, "joint_position_2": late}, 2, "two clocks")
-    for mended, repairs in (repair_log(apart, arm)[:2], repair_for_replay(apart, arm)):
+    for mended, repairs in (repair_log(apart, arm)[:2], repair_for_replay(apart, arm)[:2]):
         [one] = [one for one in repairs if one.name == "drift"]
         assert one.joint == 2 and ("later" if rate > 0 else "earlier") in one.sentence and "ppm apart" in one.sentence
         off = [np.std(each["joint_position_2"] - good["joint_position_2"]) for each in (apart, mended)]
