@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 from hdagen.adoption.verdict import Verdict
@@ -96,10 +96,8 @@ class HoldoutJudge:
         """
         motions = list(dict.fromkeys((self.motion, *further)))
         stated, fitted = state_effects(decision), estimate_base_parameters(decision.best)
-        none = next(fit for fit in sort_by_evidence(self.search_result.fits) if not fit.names)
         model = choose_model(self.arm, decision, stated.build_verdict(fitted))
-        alone = estimate_base_parameters(none)
-        confirmed = withdraw_harmful(self.nominal_arm, model, stated, motions, fitted, alone)
+        confirmed = withdraw_harmful(self.nominal_arm, model, stated, motions, fitted, self._null_parameters)
         return Statement(decision, stated, confirmed)
 
     def try_known_effects(self, strange: Decision) -> Decision | None:
@@ -186,6 +184,12 @@ class HoldoutJudge:
         if small:
             stated = self.state_decision(checked)
         return SettledStatement(stated, doubts, tuple(small))
+
+    @cached_property
+    def _null_parameters(self) -> dict[str, Any]:
+        """The base parameters of the null model's best fit."""
+        null = next(fit for fit in sort_by_evidence(self.search_result.fits) if not fit.names)
+        return estimate_base_parameters(null)
 
     def _state_leading_set(self, decision: Decision) -> Statement:
         """The statement with direct evidence, of the set of effects that leads on the motion."""
