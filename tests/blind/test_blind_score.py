@@ -16,6 +16,7 @@ from typing import Any
 import chromium
 import numpy as np
 import pytest
+from scipy.special import ndtri
 from hostile_names import NAME, check_escaped
 
 from hdagen.blind import blind_page, calibrate, label_seal, rates
@@ -392,9 +393,10 @@ def test_a_seal_opens_for_its_labels_only() -> None:
 
 @pytest.mark.parametrize(("true", "lapse"), [(0.5, 0.0), (1.0, 0.05), (3.0, 0.0), (3.0, 0.1)])
 def test_temperature_and_lapse_are_found_again(true: float, lapse: float, tmp_path: Path) -> None:
-    rng = np.random.default_rng(2)
-    log_odds = rng.normal(4.0, 3.0, 20000)
-    right = rng.random(20000) < (1 - lapse) / (1 + np.exp(-log_odds / true))
+    """Outcomes come from an even sequence, and are then as exact as many times as many drawn by chance."""
+    case = np.random.default_rng(2).permutation(4000)
+    log_odds = 4.0 + 3.0 * ndtri((case + 0.5) / 4000)
+    right = case * (math.sqrt(5) - 1) / 2 % 1 < (1 - lapse) / (1 + np.exp(-log_odds / true))
     temperature, missed = calibrate.fit_calibration(log_odds, right)
     assert temperature == pytest.approx(max(true, 1.0), rel=0.1) and missed == pytest.approx(lapse, abs=0.02)
     assert calibrate.mean_log_loss(log_odds, right, temperature, missed) <= calibrate.mean_log_loss(
