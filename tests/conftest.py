@@ -35,8 +35,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The marker of slow tests; tests of a file stay with one worker; Ctrl-C for the programs that tests interrupt, where
-    a shell that runs this in the background has it ignored."""
+    """The marker of slow tests; tests of a file stay with one worker; Ctrl-C for the programs that tests interrupt,
+    where a shell that runs this in the background has it ignored."""
     find_builds()  # before a fixture moves the user's cache
     if config.getoption("dist", "no") == "load":  # the fixtures of a module are then made once, and not by each worker
         config.option.dist = "worksteal"

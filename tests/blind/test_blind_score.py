@@ -16,8 +16,8 @@ from typing import Any
 import chromium
 import numpy as np
 import pytest
-from scipy.special import ndtri
 from hostile_names import NAME, check_escaped
+from scipy.special import ndtri
 
 from hdagen.blind import blind_page, calibrate, label_seal, rates
 from hdagen.blind.blind_report import make_report, render_report

@@ -1,8 +1,8 @@
 """The folder of the builds of tests: kept from run to run and shared by workers, checkouts and branches.
 
-A build is found by a hash of everything that decides its content, `gen`'s own files among it, and is checked whenever it
-is taken; so a kept one is the one that would be built now. Two that want the same build wait for each other: it is made
-once.
+A build is found by a hash of everything that decides its content, `gen`'s own files among it, and is checked whenever
+it is taken; so a kept one is the one that would be built now. Two that want the same build wait for each other: it is
+made once.
 """
 
 from __future__ import annotations
