@@ -428,7 +428,7 @@ def assigned_constants(path: Path) -> Iterator[tuple[str, ast.expr]]:
             )
 
 
-def has_number(value: ast.expr) -> bool:
+def has_number(value: ast.expr | ast.keyword) -> bool:
     """Whether an expression has a number beside 0 and 1, outside of texts and functions."""
     if isinstance(value, ast.JoinedStr | ast.Lambda):
         return False

@@ -36,7 +36,7 @@ def ringing(arm: Arm, time: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("delay", [3e-3, 4e-4, -2e-3])
 def test_a_late_reading_is_the_angle_of_then(arm: Arm, delay: float) -> None:
-    time = PERIOD * np.arange(200)
+    time = PERIOD * np.arange(200.0)
     x, u = ringing(arm, time), np.zeros((200, arm.nu))
     arm.parameters["sensor_delay_2"] = delay
     seen = delayed_sensors.read_sensors(arm, time, x, u)["joint_position"]
@@ -50,7 +50,7 @@ def test_a_late_reading_is_the_angle_of_then(arm: Arm, delay: float) -> None:
 
 
 def test_a_path_knows_nothing_of_the_one_before_and_gaps_are_not_crossed(arm: Arm) -> None:
-    time = PERIOD * np.arange(100)
+    time = PERIOD * np.arange(100.0)
     x, u = ringing(arm, time), np.zeros((100, arm.nu))
     place = arm.index("joint_position_1")
     x[50:, place] += 1.0  # another path
@@ -63,7 +63,7 @@ def test_a_path_knows_nothing_of_the_one_before_and_gaps_are_not_crossed(arm: Ar
 
 
 def test_without_a_delay_nothing_changes(arm: Arm) -> None:
-    time = PERIOD * np.arange(20)
+    time = PERIOD * np.arange(20.0)
     x, u = ringing(arm, time), np.zeros((20, arm.nu))
     for name, values in arm.outputs(x, u).items():
         assert np.array_equal(delayed_sensors.read_sensors(arm, time, x, u)[name], values)

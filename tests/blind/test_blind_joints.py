@@ -110,7 +110,7 @@ def test_torques_of_the_links_are_those_of_the_energy() -> None:
     motion = draw_joint_motion(np.random.default_rng(2), (2.0, 3.0), 4.0)
     q, v, a = motion.position, motion.velocity, motion.acceleration
     power = np.sum(compute_link_torques(case.robot.joints, case.robot.gravity, q, v, a) * v, axis=1)
-    energy, x, y, angle, turn, dx, dy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    energy, x, y, angle, turn, dx, dy = np.zeros((7, len(q)))
     for j, joint in enumerate(case.robot.joints):
         angle, turn = angle + q[:, j], turn + v[:, j]
         c, length = joint["center_of_mass"], joint["length"]

@@ -415,8 +415,8 @@ def test_temperature_and_lapse_are_found_again(true: float, lapse: float, tmp_pa
         label_seal.hash_seed("s"),
     )
     out.write_text(out.read_text().replace('"cases": 400', '"cases": 401'))
-    with pytest.raises(calibrate.CalibrationError, match="not as it was frozen"):
-        calibrate.read(out)
+    with pytest.raises(calibration.CalibrationError, match="not as it was frozen"):
+        calibration.read(out)
 
 
 def test_few_cases_that_are_nearly_all_right_are_no_proof_of_more() -> None:
@@ -429,10 +429,10 @@ def test_too_little_to_calibrate_on_is_refused(tmp_path: Path) -> None:
     right = [row(["payload@2"], diagnosis(["payload@2"], 0.9))]
     for rows, words in ((right * 3, "too few"), (right * 40, "no temperature is best")):
         source.write_text(calibrate.render_calibration_data(rows, "single", label_seal.hash_seed("s")))
-        with pytest.raises(calibrate.CalibrationError, match=words):
+        with pytest.raises(calibration.CalibrationError, match=words):
             calibrate.freeze_calibration([source], tmp_path / "out.json")
     source.write_text('{"schema": 1}')
-    with pytest.raises(calibrate.CalibrationError, match="cannot be read"):
+    with pytest.raises(calibration.CalibrationError, match="cannot be read"):
         calibrate.freeze_calibration([source], tmp_path / "out.json")
     assert not (tmp_path / "out.json").exists()
 

@@ -46,7 +46,9 @@ def _source(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-def run(*arguments: object, preexec: object = None, **changes: str) -> subprocess.CompletedProcess[str]:
+def run(
+    *arguments: object, preexec: Callable[[], object] | None = None, **changes: str
+) -> subprocess.CompletedProcess[str]:
     """`python -m gen` with arguments and changes to the environment."""
     command = [*GEN, *map(str, arguments)]
     return subprocess.run(

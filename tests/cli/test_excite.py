@@ -127,7 +127,8 @@ def test_logs_are_told_apart_by_as_much_as_was_predicted(arm: Arm, pair: tuple[s
 def test_the_motion_that_is_predicted_to_be_better_is_better(arm: Arm) -> None:
     """The stubborn pair of viscous and thermal friction: order of four motions, from little to plenty."""
     pair = ("viscous_friction", "thermal_friction")
-    predicted, seen = [], []
+    predicted: list[float] = []
+    seen: list[float] = []
     for name, limits in (("fine reversals", {}), ("multisine to 25 Hz", {}), (SLOW, {"speed": (0.1,)}), (MIXED, {})):
         made = kept(arm, name, **limits)
         predicted += predict_separations(arm, [f"{n}@1" for n in pair], made).values()

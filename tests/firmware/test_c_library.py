@@ -22,7 +22,7 @@ from stub_compiler import stub_compiler
 
 from gen.builder import build as builds
 from gen.builder.compiler import PROFILES as COMPILED
-from gen.builder.compiler import compiler_flags
+from gen.builder.compiler import compiler_flags, find_compiler
 
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 PROFILES, COMPILERS = ("portable", "native"), ("gcc", "clang")
@@ -47,9 +47,9 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Sources:
         if (chain, profile) not in made:
             with pytest.MonkeyPatch.context() as m:
                 m.setenv("CC", stub)
-                builds.compiler.find_compiler.cache_clear()
+                find_compiler.cache_clear()
                 made[chain, profile] = builds.build_robot(toml(out, CHAINS[chain]), profile, out, ALL_EFFECTS)[0]
-            builds.compiler.find_compiler.cache_clear()
+            find_compiler.cache_clear()
         return made[chain, profile]
 
     return folder

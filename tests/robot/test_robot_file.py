@@ -33,12 +33,19 @@ PAPER = find_presets()["paper"].read_text(encoding="utf-8")
 
 def _effect(name: str, joints: str = "each", rigid: bool = True) -> Effect:
     bounded = (Parameter("bias", "N m", 0.0, -50.0, 50.0, "torque"), Parameter("width", "rad", 0.1, 0.01, 1.0, "width"))
-    shown = {
-        "experiment": Experiment("hold still", "pushes"),
-        "plot": Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ANGLE),
-    }
+    experiment, plot = Experiment("hold still", "pushes"), Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ANGLE)
     return Effect(
-        name, Port.MOTOR, bounded, ("bias",), lambda s, p: p["bias"], "of this test", (), rigid, joints, **shown
+        name,
+        Port.MOTOR,
+        bounded,
+        ("bias",),
+        lambda s, p: p["bias"],
+        "of this test",
+        (),
+        rigid,
+        joints,
+        experiment=experiment,
+        plot=plot,
     )
 
 

@@ -328,7 +328,7 @@ def test_samples_that_are_fewer_than_what_is_fitted_tell_nothing() -> None:
     """Each in a bin of its own would be explained in full, and so would three by a sine, a cosine and a mean."""
     rng = np.random.default_rng(5)
     for count in (2, 3, 8):
-        values, angle = rng.standard_normal(count), 7.0 * np.arange(count)
+        values, angle = rng.standard_normal(count), 7.0 * np.arange(count).astype(float)
         assert explain_variance(values, [Regressor("x", "1", angle)]) == []
         assert explain_by_orders(values, angle, [1, 2]) == []
     shares = [
@@ -524,7 +524,7 @@ def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) ->
         assert words in page
     assert "Against backlash@2" in page and "test &lt;arm&gt;" in page
     log, before, after = all_[2:]
-    parts = {"measured": log, "model before": before.columns, "model after": after.columns}
+    parts: dict[str, Any] = {"measured": log, "model before": before.columns, "model after": after.columns}
     for label, columns in parts.items():  # each signal, by the numbers beneath its figure
         row = page.split(f">motor position · {label}</th>")[1].split("</tr>")[0]
         assert format_number(float(np.max(columns["motor_position_1"]))) in row
