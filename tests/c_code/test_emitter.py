@@ -164,9 +164,16 @@ def test_native_keeps_its_bound(build: Builder, name: str) -> None:
     assert {f: error for f, error in worst.items() if error > 1e-12} == {}
 
 
-@pytest.mark.parametrize("chain", ["RPR", pytest.param("RR", marks=pytest.mark.campaign)])
-def test_lanes_keep_their_bound_with_all_effects_there_are(build: Builder, chain: str) -> None:
-    portable, native = (build(CHAINS[chain], profile, SUPERSET) for profile in ("portable", "native"))
+@pytest.mark.parametrize(
+    "robot",
+    [
+        arm("RP", rigid="fr", drive="friction_smoothing = 1.0"),
+        *(pytest.param(CHAINS[chain], marks=pytest.mark.campaign) for chain in ("RR", "RPR")),
+    ],
+    ids=["RP", "RR", "RPR"],
+)
+def test_lanes_keep_their_bound_with_all_effects_there_are(build: Builder, robot: str) -> None:
+    portable, native = (build(robot, profile, SUPERSET) for profile in ("portable", "native"))
     assert {effect["name"] for effect in native.manifest["effects"]} >= set(SUPERSET) - {"missing_compliance"}
     worst = _native_errors(portable, native, IN_LANES)
     assert {f: error for f, error in worst.items() if error > 1e-12} == {}
