@@ -20,7 +20,7 @@ from typing import Any
 
 from hdagen.adoption import verdict
 from hdagen.adoption.diagnosis_file import is_finite, read_content
-from hdagen.adoption.robot_file import LINK_KEYS, SPRING_KEYS, NumberPlace, RobotFile
+from hdagen.adoption.robot_file import LUMPED_KEYS, SPRING_KEYS, NumberPlace, RobotFile
 from hdagen.adoption.rounding import read_conditional_deviations, round_parameters
 from hdagen.adoption.series_springs import fold_series_springs
 from hdagen.arm.build_loader import PlantError, find_stable_settings
@@ -154,7 +154,7 @@ def _make_candidate(
 
 def _restore_links(arm: Arm, wanted: Arm) -> Arm | None:
     """``wanted`` with masses, centres of mass and inertias of the robot file; None where it has them already."""
-    names = [f"{key}_{joint}" for joint in range(1, arm.n + 1) for key in LINK_KEYS]
+    names = [f"{key}_{joint}" for joint in range(1, arm.n + 1) for key in LUMPED_KEYS]
     stated = {name: arm.parameters[name] for name in names if name in arm.parameters}
     if all(wanted.parameters[name] == value for name, value in stated.items()):
         return None
