@@ -105,6 +105,7 @@ FLOORS = (  # from the roof to the ground: a file imports from folders that stan
     "hdagen/blind/realities",
     "hdagen/demo",
     "hdagen/fleet",
+    "hdagen/model_export",
     "hdagen/paper",
     "hdagen/paper/figures",
     "hdagen/paper/prototype",
