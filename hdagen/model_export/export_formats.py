@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hdagen.model_export.corrected_robot import CorrectedRobot
+    from hdagen.model_export.mujoco_proof import Proof
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Exported:
         changes: Each number that differs from the model without the verdict.
         left_out: Effects of the verdict that the format cannot hold, as ``name@joint``, each with a sentence.
         notes: Sentences for the reader.
+        proof: The replay in the other simulator, before and after; None where none was asked for.
 
     """
 
@@ -57,9 +59,11 @@ class Exported:
     changes: tuple[ExportedNumber, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    proof: Proof | None = None
 
 
 FORMATS = {
+    "mjcf": ExportFormat("hdagen.model_export.mjcf_writer", ".xml", "a MuJoCo model", ("into", "prove")),
     "json": ExportFormat("hdagen.model_export.json_writer", ".json", "the joints' numbers by name"),
 }
 
