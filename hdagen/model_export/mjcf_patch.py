@@ -135,6 +135,7 @@ class _ModelPatch:
     def __init__(self, text: XmlText, model: Any) -> None:
         self.text, self.model = text, model
         self.step = float(model.opt.timestep)
+        self.has_stages = int(model.opt.integrator) == int(import_mujoco().mjtIntegrator.mjINT_RK4)
         self.left_out: dict[str, str] = {}
         self.notes: list[str] = []
 
@@ -275,7 +276,7 @@ class _ModelPatch:
 
     def _set_delay(self, element: XmlElement, joint: JointNumbers, delay: float, key: str) -> None:
         """State a delay, in steps of the model."""
-        attributes = write_delay_attributes(delay, self.step)
+        attributes = write_delay_attributes(delay, self.step, self.has_stages and key == "delay")
         if not attributes:
             self._leave_out_number(joint, key, f"it is shorter than half the model's timestep of {self.step:g} s")
             return
