@@ -64,7 +64,8 @@ class Exported:
 
 FORMATS = {
     "mjcf": ExportFormat("hdagen.model_export.mjcf_writer", ".xml", "a MuJoCo model", ("into", "prove")),
-    "json": ExportFormat("hdagen.model_export.json_writer", ".json", "the joints' numbers by name"),
+    "urdf": ExportFormat("hdagen.model_export.urdf_writer", ".urdf", "the chain with inertias, damping and friction"),
+    "json": ExportFormat("hdagen.model_export.json_writer", ".json", "the joints' numbers by name", ("samples",)),
 }
 
 

@@ -111,8 +111,8 @@ def patch_model(path: Path, robot: CorrectedRobot, before: RobotNumbers, after: 
     written = tuple(change for change in changes if change.where not in patch.left_out)
     if changes and not written:
         raise PlantError(
-            f"{show_path(path)}: it can hold nothing of the verdict ({join_names(list(patch.left_out))}); export a whole "
-            "model, without --into."
+            f"{show_path(path)}: it can hold nothing of the verdict ({join_names(list(patch.left_out))}); export a "
+            "whole model, without --into."
         )
     return PatchedModel(text.to_bytes(), written, patch.left_out, patch.notes)
 
@@ -166,9 +166,9 @@ class _ModelPatch:
             return  # a spring that is not there has no rest
         if found is not None and not math.isclose(found, stated, rel_tol=SAME_NUMBER, abs_tol=1e-9):
             raise PlantError(
-                f"{show_path(self.text.path)}: {key} of joint {joint.name!r:.60} is {found:.6g}, and the robot file has "
-                f"{stated:.6g}: the model has changed since the diagnosis, or is of another robot; name the one that "
-                "was diagnosed."
+                f"{show_path(self.text.path)}: {key} of joint {joint.name!r:.60} is {found:.6g}, and the robot file "
+                f"has {stated:.6g}: the model has changed since the diagnosis, or is of another robot; name the one "
+                "that was diagnosed."
             )
 
     def find_actuator(self, joint: JointNumbers) -> int | None:
