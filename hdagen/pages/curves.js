@@ -248,3 +248,4 @@ const listen = (sheet, { tellRow, tellPoint, select, clear, axes, common, self }
     tellRow(sheet, row, [(left + axes(plots[0])[0].place(xs[row])) * scale, top * scale]);
   });
 };
+starts.curves = startCurves;

@@ -34,6 +34,7 @@ def draw_heat_map(
     log_x: bool = False,
     log_y: bool = False,
     center: float | None = None,
+    span: tuple[float, float] | None = None,
     caption: str = "",
 ) -> str:
     """Draw a heat map, whose row 0 lies at the bottom, or on top where rows have names.
@@ -49,6 +50,7 @@ def draw_heat_map(
         log_x: Whether x is logarithmic.
         log_y: Whether y is logarithmic.
         center: Value about which the colours diverge, as far to either side; None: they rise from low to high.
+        span: Lowest and highest value of the colours, which maps to be compared share; None: those of the cells.
         caption: Text below the drawings.
 
     Returns:
@@ -62,7 +64,7 @@ def draw_heat_map(
     rows, columns = cells.shape
     across = _check_edges(title, "x", x, columns, log_x)
     up = _check_edges(title, "y", y, rows, log_y)
-    scale, stops = _color_scale(value_label, cells, center)
+    scale, stops = _color_scale(value_label, cells, center, span)
     shades = np.nan_to_num(scale.to_pixels(cells, SHADE_COUNT), nan=-1.0).clip(-1, SHADE_COUNT - 1).astype(int)
     axes = (_fit_edge_axis(x_label, across, log_x), _fit_edge_axis(y_label, up, log_y))
     words = f"{title}: {scale.quantity.label} over {x_label} and {y_label}"
@@ -90,9 +92,14 @@ def _check_grid(title: str, values: ArrayLike) -> Array:
     return as_samples(grid).reshape(grid.shape)
 
 
-def _color_scale(label: str, cells: Array, center: float | None) -> tuple[Axis, tuple[str, ...]]:
+def _color_scale(
+    label: str, cells: Array, center: float | None, span: tuple[float, float] | None
+) -> tuple[Axis, tuple[str, ...]]:
     """The axis of the values and its colours from low to high."""
-    scale = fit_axis(label, [cells], margin=0.0)
+    held = [cells]
+    if span is not None:
+        held.append(np.array(span))
+    scale = fit_axis(label, held, margin=0.0)
     if center is None:
         return scale, SEQUENTIAL_COLORS
     far = float(np.nanmax(np.abs(cells - center), initial=0.0)) or 1.0
