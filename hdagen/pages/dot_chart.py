@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from hdagen.pages import frame
 from hdagen.pages.axis import Axis, fit_axis
 from hdagen.pages.decimation import Array, as_samples
-from hdagen.pages.frame import LAYOUTS, Layout, draw_text, estimate_text_width, group_in_color, shorten_text
+from hdagen.pages.frame import LAYOUTS, Layout, draw_text, estimate_text_width, group_in_color, shorten_text, wrap_text
 from hdagen.pages.markup import build_element
 from hdagen.pages.palette import COLOR_CYCLE
 from hdagen.pages.quantity import format_number, scale_quantity
@@ -121,23 +121,27 @@ def _draw_layout(
     font = layout.font
     longest = max((estimate_text_width(name, font) for name in names), default=0.0)
     above = longest > WIDEST_NAMES * layout.width
-    left, tall = longest + 14, ROW_HEIGHT * font
+    left, lines = longest + 14, [[name] for name in names]
+    tops = [ROW_HEIGHT * font * row for row in range(len(names) + 1)]
     if above:
-        left, tall = 10.0, (ROW_HEIGHT + 1.35) * font
+        left = 10.0
+        lines = [wrap_text(name, layout.width - left, font) for name in names]
+        tops = [0.0, *np.cumsum([(ROW_HEIGHT + 1.3 * len(own)) * font for own in lines]).tolist()]
     beside = max((estimate_text_width(text, font) for text in texts), default=0.0) + 22
     room = max(layout.width - left - beside, 0.3 * layout.width)
-    height = tall * len(names)
+    height = tops[-1]
     top = 1.7 * font * bool(levels) + 0.4 * font
     key = ""
     if any(one.label for one in groups):
         key, top = _draw_key(groups, font), top + 1.7 * font
     parts = [_draw_scale(axis, room, height, layout.width - left, font, levels)]
-    for row, name in enumerate(names):
-        y = tall * (row + 1) - 0.5 * ROW_HEIGHT * font
+    for row, own in enumerate(lines):
+        y = tops[row + 1] - 0.5 * ROW_HEIGHT * font
         if above:
-            parts.append(draw_text(0.0, y - 0.85 * font, shorten_text(name, layout.width - left, font)))
+            at = [y - (0.85 + 1.3 * (len(own) - 1 - k)) * font for k in range(len(own))]
+            parts += [draw_text(0.0, up, line, halo=True) for up, line in zip(at, own, strict=True)]
         else:
-            parts.append(draw_text(-12.0, y + 0.35 * font, name, anchor="end"))
+            parts.append(draw_text(-12.0, y + 0.35 * font, own[0], anchor="end"))
         parts.append(_draw_row(groups, values[:, row], ends[:, :, row], axis, room, y))
         parts.append(draw_text(room + 14, y + 0.35 * font, texts[row]))
     body = build_element("g", *parts, transform=f"translate({left:.1f} {top:.1f})")

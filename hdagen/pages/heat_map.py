@@ -16,6 +16,7 @@ from hdagen.pages.palette import DIVERGING_COLORS, SEQUENTIAL_COLORS, blend_colo
 from hdagen.pages.quantity import format_number
 
 SHADE_COUNT = 64
+HATCH_PITCH = 7.0  # px, between the lines that mark empty cells
 VISIBLE_CELLS = 40_000  # more cells than that are finer than a pixel
 NAME_WIDTH_SHARE = 0.35  # of the width of the drawing, at most, for the names of rows
 MOST_WRITTEN_CELLS = 120  # up to so many cells carry their number
@@ -79,7 +80,7 @@ def draw_heat_map(
     }  # fmt: skip
     note = ""
     if np.isnan(cells).any():
-        note = "Empty cells hold no data."
+        note = "Hatched: no data."
     return frame.build_figure("heat", title, drawings, caption=caption, note=note, data=data)
 
 
@@ -181,6 +182,7 @@ def _draw_layout(
         draw_text(
             width + key, -0.8 * font, shorten_text(scale.quantity.label, beside_it, font), anchor="end", strong=True
         ),
+        _draw_hatch(shades, width, height),
         *_draw_patches(px, py, shades, stops),
         *numerals,
         *_draw_tick_texts(layout, axes, across, up, px, py, width, height),
@@ -200,6 +202,16 @@ def _draw_layout(
         transform=f"translate({left:.1f} {top:.1f})",
     )
     return layout.width, round(top + height + 3.9 * font, 1), words, body
+
+
+def _draw_hatch(shades: NDArray[np.int_], width: float, height: float) -> str:
+    """Oblique lines below the cells: where a cell is empty they show, which no colour of the scale looks like."""
+    if (shades >= 0).all():
+        return ""
+    starts = np.arange(-height, width, HATCH_PITCH)
+    lines = "".join(f"M{x:.0f} {height:.0f}l{height:.0f} -{height:.0f}" for x in starts.tolist())
+    path = build_element("path", d=lines, fill="none", stroke="currentColor", stroke_opacity=0.25)
+    return build_element("svg", path, width=width, height=height)
 
 
 def _draw_patches(px: Array, py: Array, shades: NDArray[np.int_], stops: tuple[str, ...]) -> list[str]:

@@ -5,7 +5,7 @@ const everyLinked = (self, action) => { // self and all figures of its link
   const link = self.figure.dataset.link;
   started.filter((one) => one === self || (link && one.figure.dataset.link === link)).forEach(action);
 };
-starts.bars = starts.dots = starts.table = (figure, data) => {
+starts.dots = starts.table = (figure, data) => {
   tools(figure, () => data.rows);
   return { figure };
 };

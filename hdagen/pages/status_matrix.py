@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from hdagen.pages import frame
 from hdagen.pages.markup import build_element, escape_html
 
+MOST_ROWS = 12  # of a matrix that stands in one part
 States = Mapping[str, tuple[str, str]]  # by name: its symbol, and its words in the key
 
 
@@ -37,23 +38,26 @@ def draw_status_matrix(
     for name, cells in rows:
         if len(cells) != len(columns) or not set(cells) <= {*states, ""}:
             raise ValueError(f"matrix {title!r}: row {name!r} needs one of {', '.join(states)} for every column")
-    heads = [build_element("th", escape_html(name), scope="col") for name in ("", *columns)]
-    body = [_build_row(name, cells, states) for name, cells in rows]
-    table = build_element(
-        "table",
-        build_element("thead", build_element("tr", *heads)),
-        build_element("tbody", *body),
-        class_="matrix",
-    )
+    half = len(rows)
+    if half > MOST_ROWS:  # two parts beside each other
+        half = (half + 1) // 2
+    parts = [_build_table(columns, rows[at : at + half], states) for at in range(0, len(rows), half or 1)]
     shown = {state for _, cells in rows for state in cells}
     key = [
         build_element("span", build_element("b", escape_html(symbol), class_=name), f" {escape_html(words)}")
         for name, (symbol, words) in states.items()
         if name in shown
     ]
-    drawn = build_element("p", *key, class_="matrix-key") + build_element("div", table, class_="scroll")
+    drawn = build_element("p", *key, class_="matrix-key") + build_element("div", *parts, class_="matrices")
     sent = [["", *columns], *([name, *(states[c][1] if c else "" for c in cells)] for name, cells in rows)]
     return frame.build_figure("table", title, drawn, caption=caption, data={"rows": sent})
+
+
+def _build_table(columns: Sequence[str], rows: Sequence[tuple[str, Sequence[str]]], states: States) -> str:
+    heads = [build_element("th", escape_html(name), scope="col") for name in ("", *columns)]
+    head = build_element("thead", build_element("tr", *heads))
+    body = build_element("tbody", *(_build_row(name, cells, states) for name, cells in rows))
+    return build_element("div", build_element("table", head, body, class_="matrix"), class_="scroll")
 
 
 def _build_row(name: str, cells: Sequence[str], states: States) -> str:

@@ -1,6 +1,6 @@
 // Channels over one time axis, drawn by uPlot: one cursor and one zoom for all of them.
 
-const CHART_HEIGHT = 118, LAST_AXIS = 44;
+const CHART_HEIGHT = 96, FIRST_GAP = 6, LAST_AXIS = 26;
 const unpackQuantized = ({ low, step, data }, factor = 1) => {
   const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
   const view = new DataView(bytes.buffer);
@@ -59,14 +59,15 @@ const startTimeChart = (figure, data) => {
       dash: data.lines[label][2] ? [5, 3] : undefined,
       value: (chart, value) => (value === null ? "\u2013" : `${fixed(value, decimalsOf(spanOf(values) / 500))} ${unit}`),
     });
-    const below = axis({ size: last ? LAST_AXIS : 8, label: last ? "time (s)" : undefined, labelSize: 18, labelFont: font,
+    const below = axis({ size: last ? LAST_AXIS : FIRST_GAP, label: last ? "time (s)" : undefined, labelSize: 16, labelGap: 0,
+      labelFont: font,
       values: last ? numerals : (chart, splits) => splits.map(() => "") });
     const chart = new uPlot({
-      width: Math.max(box.clientWidth, 120), height: CHART_HEIGHT + (last ? LAST_AXIS : 8),
+      width: Math.max(box.clientWidth, 120), height: CHART_HEIGHT + (last ? LAST_AXIS + 16 : FIRST_GAP),
       scales: { x: { time: false } },
       series: [{ label: "time", value: (_, value) => (value === null ? "" : `${fixed(value + data.start, 3)} s`) },
         ...labels.map(line)],
-      axes: [below, axis({ size: 52, values: numerals })],
+      axes: [below, axis({ size: 52, space: 24, values: numerals })],
       cursor: { sync: { key: figure.getAttribute("aria-label"), scales: ["x", null] }, y: false, drag: { x: true, y: false } },
       legend: { mount: (_, table) => head.append(table) },
       hooks: { drawClear: [shade] },

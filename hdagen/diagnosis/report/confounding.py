@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,8 @@ from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
 from hdagen.diagnosis.report.effect_words import JointNames, name_effect
 from hdagen.diagnosis.report.report_settings import REPORT
+
+ENTRY = re.compile(r"\b[a-z][a-z0-9_]*@\d+\b")
 
 
 def explain_confounding(effects: EffectCatalogue, content: dict[str, Any]) -> str:
@@ -23,6 +26,12 @@ def explain_confounding(effects: EffectCatalogue, content: dict[str, Any]) -> st
         Paragraphs on each named effect, or on the effects that may be present where none is named.
 
     """
+    joints = content.get("joints", ())
+    return ENTRY.sub(lambda found: name_effect(found[0], joints), _explain_alternatives(effects, content))
+
+
+def _explain_alternatives(effects: EffectCatalogue, content: dict[str, Any]) -> str:
+    """The same, in which experiments still name effects as name@joint."""
     causes, joints = {f"{c['effect']}@{c['joint']}": c for c in content["causes"]}, content.get("joints", ())
     shown = causes.keys() - set(content["undetectable"])  # the report says those for themselves
     likely = [

@@ -10,6 +10,7 @@ from hdagen.pages.number_table import draw_table
 from hdagen.pages.page import Section
 
 LEAST_TOLD_JITTER = 1e-9  # s; below it a stamp's own rounding shows
+LEAST_NOISE_SHARE = 1e-9  # of the range; what is computed has less
 LINES = (
     ("Not logged", "missing"),
     ("Warning", "warnings"),
@@ -37,8 +38,8 @@ def show_data(content: dict[str, Any]) -> Section:
     figures = []
     if channels := data.get("channels"):
         rows = [_describe_channel(name, one, content) for name, one in channels.items()]
-        columns = ["channel", "lowest", "highest", "noise", "step", "behind its command", "unit"]
-        figures.append(draw_table("Channels", columns, rows, digits=3))
+        columns = ["channel", "lowest", "highest", "noise", "step", "behind its command"]
+        figures.append(draw_table("Channels", columns, rows))
     return Section("The data", "\n\n".join(said), figures)
 
 
@@ -53,17 +54,22 @@ def _say_rows(data: dict[str, Any]) -> str:
 
 
 def _describe_channel(name: str, one: dict[str, float], content: dict[str, Any]) -> list[str | float | None]:
-    """A row of the table: all of a channel in one unit."""
+    """A row of the table."""
     known = content["gap"]["by_channel"].get(name, {})
     quantity = name.rpartition("_")[0]
     base = known.get("unit") or CHANNEL_UNITS.get(quantity) or next(iter(COLUMN_UNITS.get(quantity, {"": 1.0})))
     lag = content["data"].get("lags", {}).get(name)
-    late = None
-    if lag is not None:
-        (value,), unit = format_values([lag], "s")
-        late = f"{value} {unit}"
+    late = None if lag is None else _write_size(lag, "s")
+    noise = one["noise"] if one["noise"] > LEAST_NOISE_SHARE * (one["high"] - one["low"]) else 0.0
+    low, high, spread, step = (_write_size(value, base) for value in (one["low"], one["high"], noise, one["step"]))
     channel = name_channel(name, content.get("joints", ()))
-    return [channel, one["low"], one["high"], one["noise"], one["step"] or None, late, base]
+    return [channel, low, high, spread if noise else None, step if one["step"] else None, late]
+
+
+def _write_size(value: float, unit: str) -> str:
+    """A number with its unit."""
+    (text,), written = format_values([value], unit)
+    return f"{text} {written}".rstrip()
 
 
 def show_control(content: dict[str, Any]) -> list[Section]:

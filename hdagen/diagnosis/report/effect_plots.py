@@ -145,18 +145,11 @@ def _plot_residual(
         points, added = [*points, left + adds], [*added, adds]
     x_label = over.label.replace("{input}", sight.motion.input_unit(1))
     alike = measure_agreement(np.concatenate(points), np.concatenate(added))
-    caption = f"{RESIDUAL_CAPTION} {alike.describe()}"
+    caption = f"Log: what is there beyond everything else of the verdict. {alike.describe()}"
     return EffectPicture(
         draw_planes(write_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=caption),
         alike,
     )
-
-
-RESIDUAL_CAPTION = (
-    "Points: what the log has beyond the base parameters and everything else of the verdict. Dashed: mean of the "
-    "points in narrow bins. Solid: what the effect adds in the model with the fitted parameters. Both passed the "
-    "filter with which the motion is differentiated: what is fast shows smaller than it is."
-)
 
 
 def _plot_friction(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> EffectPicture:
@@ -184,11 +177,7 @@ def _plot_friction(sight: ResidualTorque, entry: str, plot: Plot, joint: int) ->
         x_label=over.label,
         y_label=y_label,
         equal=False,
-        caption=(
-            "Points: torque that the log needs beyond inertia and load; standstill and the instants of reversal are"
-            " left out. Curves: mean of the points in narrow bins, friction as the robot file has it, and with the"
-            f" effect at its fitted parameters. {alike.describe(ROBOT_FILE_WORDS)}"
-        ),
+        caption=f"Log: torque beyond inertia and load. {alike.describe(ROBOT_FILE_WORDS)}",
     )
     return EffectPicture(drawn, alike)
 
@@ -206,8 +195,7 @@ def _plot_friction_dependence(sight: ResidualTorque, entry: str, over: Abscissa,
         x_label=over.label,
         y_label="friction beyond the base's (N m)",
         equal=False,
-        caption="Against the motion; standstill and the instants of reversal are left out. "
-        f"{RESIDUAL_CAPTION} {alike.describe()}",
+        caption=f"Log: friction against the motion, beyond Coulomb's and the viscous one. {alike.describe()}",
     )
     return EffectPicture(drawn, alike)
 

@@ -16,7 +16,7 @@ TIMES_FROM = 1.25  # a ratio from which a number is wrong by times, below it by 
 HARDLY_THERE = 0.02  # of the file's number, below which the log hardly has it
 MOST_NAMED_SIZES = 2  # of one effect, in a sentence
 NAMES_OF_PEOPLE = ("coulomb", "stribeck")
-LARGEST_NUMBER = 1e4  # beside which a small one is still written in the same unit
+LARGEST_NUMBER = 1e3  # beside which a small one is still written in the same unit
 VALUE_DIGITS = 3  # significant digits of a value without a standard deviation
 MOST_DIGITS = 5  # of any value
 
@@ -112,7 +112,18 @@ def join_effects(entries: Iterable[str], joints: JointNames = ()) -> str:
         The words.
 
     """
-    return " and ".join(name_effect(entry, joints) for entry in entries)
+    by_kind: dict[str, list[int]] = {}
+    for entry in entries:
+        effect, _, joint = entry.partition("@")
+        by_kind.setdefault(effect, []).append(int(joint))
+    said = []
+    for effect, numbers in by_kind.items():
+        if len(numbers) > 1 and not any(joints) and 0 not in numbers:
+            listed = " and ".join(map(str, sorted(numbers)))
+            said.append(f"{name_kind(effect)} on joints {listed}")
+        else:
+            said += [name_effect(f"{effect}@{joint}", joints) for joint in numbers]
+    return " and ".join(said)
 
 
 def name_channel(name: str, joints: JointNames = ()) -> str:

@@ -38,7 +38,8 @@ def draw_input(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> lis
     word, unit = sight.motion.input_word(joint), sight.motion.input_unit(joint)
     command, measured, clear = log[name_command_channel(name)], log[name], slice(REPORT.settling_rows, None)
     alike = measure_agreement((measured - shown[0])[clear], (shown[1] - shown[0])[clear])
-    span = _find_liveliest_rows(shown[1] - shown[0], log.period)
+    seconds = REPORT.delay_scene_seconds if plot.abscissa == OVER_TIME else REPORT.scene_seconds
+    span = _find_liveliest_rows(shown[1] - shown[0], log.period, seconds)
     drawn = [
         Series("command", command[span], color="ink", draw="step", dash="dotted"),
         Series("measured", measured[span], color="grey", dash="solid", width=3.4),
@@ -70,7 +71,7 @@ def _draw_missing_torque(sight: ResidualTorque, entry: str, joint: int) -> Effec
     time, gaps = sight.motion.time, np.full(len(sight.motion.time), np.nan)
     points, added = gaps.copy(), gaps.copy()
     points[seen.instants], added[seen.instants] = seen.after + seen.effect_part, seen.effect_part
-    span = _find_liveliest_rows(np.nan_to_num(added), sight.motion.grid.period)
+    span = _find_liveliest_rows(np.nan_to_num(added), sight.motion.grid.period, REPORT.scene_seconds)
     command = sight.balance.inputs(sight.parameters_without(entry))[:, joint - 1]
     word, unit = sight.motion.input_word(joint), sight.motion.input_unit(joint)
     panels = [
@@ -93,9 +94,9 @@ def _draw_missing_torque(sight: ResidualTorque, entry: str, joint: int) -> Effec
     return EffectPicture(drawn, alike)
 
 
-def _find_liveliest_rows(change: Array, period: float) -> slice:
+def _find_liveliest_rows(change: Array, period: float, seconds: float) -> slice:
     """The rows of a short scene in which the effect changes most."""
-    rows = max(round(REPORT.scene_seconds / period), 20)
+    rows = max(round(seconds / period), 20)
     summed = np.convolve(np.abs(change)[REPORT.settling_rows :], np.ones(rows), "valid")
     first = REPORT.settling_rows + (int(np.argmax(summed)) if len(summed) else 0)
     return slice(first, first + rows)

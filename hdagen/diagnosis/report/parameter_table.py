@@ -112,6 +112,8 @@ def _read_number(parameters: Parameters, name: str, estimate: Mapping[str, Any],
     joint, file, prior = 0, estimate.get("file"), None
     if q is not None:
         joint = q.joint
+        if file is None and q.role == "base":  # a diagnosis from before it said so
+            file = q.nominal
         prior = estimate.get("prior") or q.tolerance * abs(q.nominal) or q.typical
     change = SizeChange(
         name.removesuffix(f"_{joint}"), file, estimate["value"], estimate.get("std"), estimate.get("unit", "")
@@ -169,18 +171,19 @@ def show_parameters(content: Mapping[str, Any], parameters: Parameters) -> Secti
     )
     if silent:
         text += f" The log says nothing of these, which keep the file's number: {'; '.join(silent)}."
-    columns = ["parameter", "file", "tolerance ±", "found ±", "change", "unit", "the log says"]
-    return Section("Parameters", text, [draw_table("Refitted numbers", columns, rows)])
+    columns = ["parameter", "file ±", "found ±", "change", "unit", "the log says"]
+    return Section("Parameters", text, [draw_table("Refitted numbers", columns, rows, sentences=columns[-1:])])
 
 
 def _write_full_row(one: FoundNumber, joints: JointNames) -> list[str | float | None]:
     name, file, found, change, unit = _write_short_row(one, joints)
-    prior = "–"
     if one.prior is not None:
-        *_, prior, _ = format_estimate(
-            SizeChange("", one.change.file, one.change.value or one.prior, one.prior, one.change.unit)
+        known = one.change.file or one.change.value or one.prior
+        *_, width, written = format_estimate(
+            SizeChange("", known, one.change.value or known, one.prior, one.change.unit)
         )
-    return [name, file, prior, found, change, unit, _say_informed(one)]
+        file = f"{file} ± {width}" if unit in (written, "–") else file
+    return [name, file, found, change, unit, _say_informed(one)]
 
 
 def _say_informed(one: FoundNumber) -> str:

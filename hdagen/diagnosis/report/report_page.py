@@ -106,19 +106,19 @@ def _show_location(sight: ResidualTorque, content: dict[str, Any]) -> Section:
     entries, verdict, joints = content["where"], content["verdict"], content.get("joints", ())
     main = entries[0] if entries else {"joint": 1, "place": "motor"}
     said = []
-    for k, entry in enumerate(entries):
-        name = f"Refitted numbers of the {entry['place']}, {name_joint(entry['joint'], joints)}"
-        if k < len(verdict):
-            name = name_effect(verdict[k], joints)
-        share = ""
-        if entry["share"] is not None:
-            of = (
-                "of the remaining error"
-                if k < len(verdict) and verdict[k].startswith("unknown@")
-                else "of what is closed"
-            )
-            share = f" ({entry['place']}, {100 * entry['share']:.0f} % {of})"
-        regime = SIGNIFICANCE.sub("", entry["when"]) if k < max(len(verdict), 1) else ""
-        said.append(f"{name[0].upper()}{name[1:]}{share}{'. ' if regime else '.'}{regime}")
+    for name, entry in zip(verdict or [""], entries, strict=False):
+        regime = SIGNIFICANCE.sub("", entry["when"]).split(". ")[0].rstrip(".")
+        if name:
+            of = "remaining error" if name.startswith("unknown@") else "closed gap"
+            share = "" if entry["share"] is None else f", {100 * entry['share']:.0f} % of the {of}"
+            named = name_effect(name, joints)
+            said.append(f"{named[0].upper()}{named[1:]} ({entry['place']}{share}). {regime}.")
+    rest = [
+        f"{entry['place']} of {name_joint(entry['joint'], joints)} {100 * entry['share']:.0f} %"
+        for entry in entries[len(verdict) :]
+        if entry["share"] is not None
+    ]
+    if rest:
+        said.append(f"Refitted numbers, of the closed gap: {', '.join(rest)}.")
     maps = draw_residual_maps(sight, max(main["joint"], 1), main["place"], next(iter(verdict), ""))
     return Section("Where and when", "\n\n".join(said), _arrange_figures(maps))

@@ -19,6 +19,7 @@ class ReportSettings:
     )
     settling_rows: int = declare_setting(20, "rows", "rows of a log in which commands from before it may still act")
     scene_seconds: float = declare_setting(0.25, "s", "a stretch of commands and currents")
+    delay_scene_seconds: float = declare_setting(0.06, "s", "the same, where milliseconds are to be seen")
     most_drawn_regressors: int = declare_setting(3, "regressors", "regressors that are drawn where no effect is named")
     loop_seconds: float = declare_setting(10.0, "s", "torque over torsion: more loops hide each other")
     largest_drawn_frequency: float = declare_setting(0.1, "of the sampling rate", "up to it a response is drawn")

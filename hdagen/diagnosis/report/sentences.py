@@ -55,7 +55,8 @@ def write_headline(content: dict[str, Any]) -> str:
         return _say_no_effect(content)
     if not named:
         return f"{_say_joints(content, verdict)} something that no known effect explains"
-    said = ", and ".join(say_effect(entry, content, with_sizes=len(named) <= MOST_SIZED_EFFECTS) for entry in named)
+    each = [say_effect(entry, content, with_sizes=len(named) <= MOST_SIZED_EFFECTS) for entry in named]
+    said = ", and ".join(part for part in (", ".join(each[:-1]), each[-1]) if part)
     return f"{said[0].upper()}{said[1:]}"
 
 
@@ -123,14 +124,14 @@ def format_probability(p: float) -> str:
 
 
 def _say_probability(content: dict[str, Any]) -> str:
-    """The probability of each named effect and of the set, in brackets; "" where nothing is named."""
+    """The probability of each named effect and of the set; "" where nothing is named."""
     each, p = list(map(format_probability, list_effect_probabilities(content))), find_set_probability(content)
     if not list_named_effects(content) or p is None:
         return ""
     of_set = format_probability(p)
     if not each or each == [of_set]:
-        return f" (probability {of_set}{note_calibration(content)})"
-    return f" (probability {' and '.join(each)}, of exactly this set {of_set}{note_calibration(content)})"
+        return f"; probability {of_set}{note_calibration(content)}"
+    return f"; probability {' and '.join(each)}, of exactly this set {of_set}{note_calibration(content)}"
 
 
 def _say_gap(content: dict[str, Any]) -> str:
@@ -264,7 +265,9 @@ def _say_bounds(content: dict[str, Any]) -> str:
             continue
         for name, q in cause["parameters"].items():
             if q["end"]:
-                of = f"{name.replace('_', ' ')} of {name_effect(entry, content.get('joints', ()))}"
+                of = name_effect(entry, content.get("joints", ()))
+                if name != cause["effect"]:
+                    of = f"{name.replace('_', ' ')} of {of}"
                 at.append(f"{of}, {format_number(q['value'], 3)}{_format_unit(q)}")
     if not at:
         return ""
