@@ -123,7 +123,7 @@ def _show_matrix(content: dict[str, Any]) -> list[str]:
         cells = [_find_state(f"{effect}@{joint}", content) for joint in numbers]
         rows.append((name_kind(effect), cells))
     rows.sort(key=lambda row: min(list(STATES).index(cell) for cell in row[1] if cell))
-    heads = [name_joint(joint, content.get("joints", ())) for joint in numbers]
+    heads = [name_joint(joint, content.get("joints", ())) if joint else "arm" for joint in numbers]
     return [draw_status_matrix("Each effect at each joint", heads, rows, STATES)]
 
 

@@ -25,7 +25,6 @@ from hdagen.diagnosis.report.residual_curves import (
     write_title,
 )
 from hdagen.diagnosis.residuals.effect_agreement import measure_agreement
-from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.diagnosis.residuals.localization import list_regressors, time_since_reversal
 from hdagen.diagnosis.residuals.regressor_tests import explain_variance
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
@@ -276,7 +275,7 @@ def _plot_unknown(sight: ResidualTorque, place: str, joint: int) -> list[EffectP
     notable = [
         one
         for one in explain_variance(seen.after, list_regressors(sight, joint, seen.instants))
-        if one.p <= EXPLANATION.significance_level and one.share >= REPORT.least_notable_share
+        if one.p <= REPORT.most_drawn_chance and one.share >= REPORT.least_notable_share
     ]
     few = np.unique(
         np.linspace(0, len(seen.after) - 1, min(len(seen.after), REPORT.most_drawn_points)).round().astype(int)

@@ -44,6 +44,9 @@ class ReportSettings:
     least_notable_share: float = declare_setting(
         0.05, "of the variance", "a picture of what no effect explains shows nothing that goes less with its abscissa"
     )
+    most_drawn_chance: float = declare_setting(
+        0.5, "probability", "nor one that chance makes as good with a larger probability"
+    )
     most_listed_hypotheses: int = declare_setting(8, "hypotheses", "hypotheses that are listed")
     least_listed_probability: float = declare_setting(1e-3, "probability", "a hypothesis below it is not listed")
     least_printed_probability: float = declare_setting(1e-4, "probability", "below it its value is not printed")
