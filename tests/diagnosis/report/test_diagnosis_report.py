@@ -612,6 +612,14 @@ def test_a_parameter_that_the_data_say_nothing_of_is_marked(arm: Arm, tmp_path: 
     assert row and "mass" not in row[0]
 
 
+CHART_MIDDLE = """(() => {
+  const chart = document.querySelector(".uplot .u-over");
+  chart.scrollIntoView({ block: "center" });
+  const box = chart.getBoundingClientRect();
+  return [box.left + 0.4 * box.width, box.top + 0.5 * box.height];
+})()"""
+
+
 @pytest.mark.skipif(chromium.PROGRAM is None, reason="no Chromium is installed")
 def test_the_page_is_silent_and_asks_for_nothing(arm: Arm, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
@@ -627,6 +635,10 @@ def test_the_page_is_silent_and_asks_for_nothing(arm: Arm, tmp_path: Path) -> No
             assert tab.run("document.querySelectorAll('figure .tools button').length") >= 15
             assert tab.run("document.querySelectorAll('.uplot canvas').length") == 6
             assert tab.run("document.querySelectorAll('.still').length") == 0
+            left, top = tab.run(CHART_MIDDLE)
+            tab.mouse("mouseMoved", left, top)  # one cursor for all channels
+            told = tab.run("[...document.querySelectorAll('.u-series:first-child .u-value')].map((v) => v.textContent)")
+            assert len(told) == 6 and len(set(told)) == 1 and told[0].endswith(" s")
             shot = base64.b64decode(tab.call("Page.captureScreenshot")["data"])
             assert len(shot) > 10_000
             assert tab.messages == [] and tab.requests == [path.as_uri()]
