@@ -161,8 +161,8 @@ def write_page(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Se
     whole = [
         Section(
             "Every claim",
-            "What the paper says, what came out on its virtual prototype, and whether that is the same. Each name leads "
-            "to the figure, and to the reasons of differences.",
+            "What the paper says, what came out on its virtual prototype, and whether that is the same. Each name "
+            "leads to the figure, and to the reasons of differences.",
             [
                 figure.draw_table(
                     "The paper and here", ("", *CLAIM_COLUMNS, "holds"), summary, sentences=CLAIM_COLUMNS, links=pages
