@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 
@@ -100,9 +101,11 @@ HEADINGS = ("machine", "what is missing", "probability", "sure", "gap before", "
 def _build_machines_section(results: Sequence[MachineResult]) -> page.Section:
     text = (
         "Each machine is diagnosed by itself. The gap is the replay error on held-out motion in multiples of the "
-        "noise. The report of a machine lies in the folder of its name, as report.html."
+        "noise. The name of a machine leads to its report."
     )
-    table = figure.draw_table("Machines", HEADINGS, [build_machine_cells(one) for one in results], digits=3)
+    pages = [f"{quote(one.machine.name, safe='')}/report.html" if one.diagnosis else None for one in results]
+    cells = [build_machine_cells(one) for one in results]
+    table = figure.draw_table("Machines", HEADINGS, cells, digits=3, links=pages)
     return page.Section("What is missing where", text, [table])
 
 
@@ -110,8 +113,8 @@ def _build_gaps_section(done: Sequence[MachineResult]) -> page.Section:
     groups = []
     for when, color in (("before", "orange"), ("after", "blue")):
         gaps = np.array([one.diagnosis["gap"][when] for one in done[:MOST_MACHINES] if one.diagnosis], float)
-        groups.append(figure.BarGroup(when, gaps, color=color))
-    chart = figure.draw_bars(
+        groups.append(figure.DotGroup(when, gaps, color=color))
+    chart = figure.draw_dots(
         "Gap on held-out motion",
         [one.machine.name for one in done[:MOST_MACHINES]],
         groups,

@@ -19,6 +19,7 @@ def draw_table(
     digits: int = 4,
     caption: str = "",
     sentences: Sequence[str] = (),
+    links: Sequence[str | None] = (),
 ) -> str:
     """Draw a table of words and numbers; its CSV holds the numbers in full.
 
@@ -29,6 +30,7 @@ def draw_table(
         digits: Count of significant digits of numbers.
         caption: Text below the table.
         sentences: Headings of the columns whose text breaks its lines.
+        links: A relative address for each row, to which its first cell leads; None, or nothing: no link.
 
     Returns:
         The ``build_figure`` element.
@@ -47,9 +49,8 @@ def draw_table(
         written.append([format_cell(cell, digits) for cell in row])
         sent.append([_encode_cell(cell) for cell in row])
     data = {"rows": sent}
-    return frame.build_figure(
-        "table", title, frame.build_rows_table(columns, written, sentences=sentences), caption=caption, data=data
-    )
+    table = frame.build_rows_table(columns, written, sentences=sentences, links=links)
+    return frame.build_figure("table", title, table, caption=caption, data=data)
 
 
 def format_cell(cell: TableCell, digits: int) -> str:
