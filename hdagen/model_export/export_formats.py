@@ -61,6 +61,7 @@ class Exported:
 
 FORMATS = {
     "json": ExportFormat("hdagen.model_export.json_writer", ".json", "the joints' numbers by name"),
+    "fmu": ExportFormat("hdagen.model_export.fmu_writer", ".fmu", "a unit for co-simulation, FMI", ("fmi",)),
 }
 
 
