@@ -18,10 +18,18 @@ from gen.builder.ownership import find_other_writer
 
 MODEL_SOURCES = ("hda_input.c", "hda_model.c", "hda_prepare.c", "hda_rodas.c", "hda_step.c")
 CONTROL_SOURCES = (
-    *("hda_control.c", "hda_guard.c", "hda_guard_calls.c", "hda_guard_config.c", "hda_laws.c", "hda_limit.c"),
-    "example.c",
+    *("hda_control.c", "hda_guard.c", "hda_guard_calls.c"),
+    *("hda_guard_config.c", "hda_laws.c", "hda_limit.c"),
+)
+FIRMWARE_FILES = (
+    "hda_flat.c",
+    "example_control.c",
+    "CMakeLists.txt",
+    "toolchain_aarch64.cmake",
+    "toolchain_armv7.cmake",
 )
 WRAPPERS = {  # the folder of templates, its files, and the sources of a build that they need
+    "firmware": ("firmware", FIRMWARE_FILES, (*MODEL_SOURCES, *CONTROL_SOURCES)),
     "fmi2": ("fmu", ("hda_fmi_model.c", "hda_fmi2.c"), MODEL_SOURCES),
     "fmi3": ("fmu", ("hda_fmi_model.c", "hda_fmi3.c", "hda_fmi3_absent.c"), MODEL_SOURCES),
 }

@@ -14,12 +14,11 @@ import zipfile
 from io import BytesIO
 from pathlib import Path
 
-from hdagen.arm.arm_parameters import Parameters
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.generator import run_generator
 from hdagen.model_export.corrected_robot import CorrectedRobot
-from hdagen.model_export.export_formats import Exported, ExportedNumber
+from hdagen.model_export.export_formats import Exported, list_parameter_changes
 from hdagen.model_export.fmu_description import describe_model, describe_sources
 from hdagen.model_export.fmu_variables import list_variables, write_table
 from hdagen.support.atomic_write import write_atomically
@@ -70,16 +69,7 @@ def write(robot: CorrectedRobot, out: Path, fmi: str = FMI_VERSIONS[0]) -> Expor
         write_atomically(out, _pack_files(files))
     except OSError as error:
         raise PlantError(f"{out}: cannot be written ({error.strerror}); make room or name another place.") from None
-    return Exported((out,), tuple(_list_changes(robot.file.parameters, arm.parameters)), {}, robot.notes)
-
-
-def _list_changes(file: Parameters, corrected: Parameters) -> list[ExportedNumber]:
-    """The parameters that the verdict changed."""
-    return [
-        ExportedNumber(name, file[name], corrected[name], q.unit)
-        for name, q in corrected.described.items()
-        if corrected[name] != file[name]
-    ]
+    return Exported((out,), tuple(list_parameter_changes(robot)), {}, robot.notes)
 
 
 def _make_token(arm: Arm, fmi: str) -> str:
