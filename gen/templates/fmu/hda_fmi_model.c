@@ -102,9 +102,9 @@ hda_fmi_outcome hda_fmi_set(hda_fmi_model *m, uint32_t variable, double value) {
 }
 
 hda_fmi_outcome hda_fmi_enter(hda_fmi_model *m, hda_fmi_phase phase) {
-    if (phase != HDA_FMI_ENDED && phase != m->phase + 1) return HDA_FMI_PHASE;
+    if (phase != HDA_FMI_ENDED && (int32_t)phase != m->phase + 1) return HDA_FMI_PHASE;
     if (phase == HDA_FMI_RUNNING) refresh(m);
-    m->phase = phase;
+    m->phase = (int32_t)phase;
     return HDA_FMI_FINE;
 }
 
