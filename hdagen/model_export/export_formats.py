@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hdagen.model_export.corrected_robot import CorrectedRobot
+    from hdagen.model_export.mujoco_proof import Proof
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Exported:
         changes: Each number that differs from the model without the verdict.
         left_out: Effects of the verdict that the format cannot hold, as ``name@joint``, each with a sentence.
         notes: Sentences for the reader.
+        proof: The replay in the other simulator, before and after; None where none was asked for.
 
     """
 
@@ -57,6 +59,7 @@ class Exported:
     changes: tuple[ExportedNumber, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    proof: Proof | None = None
 
 
 def list_parameter_changes(robot: CorrectedRobot) -> list[ExportedNumber]:
@@ -71,13 +74,14 @@ def list_parameter_changes(robot: CorrectedRobot) -> list[ExportedNumber]:
     """
     file, corrected = robot.file.parameters, robot.corrected.parameters
     return [
-        ExportedNumber(name, file[name], corrected[name], q.unit)
+        ExportedNumber(name, file.get(name), corrected[name], q.unit)
         for name, q in corrected.described.items()
-        if corrected[name] != file[name]
+        if corrected[name] != file.get(name, q.nominal)
     ]
 
 
 FORMATS = {
+    "mjcf": ExportFormat("hdagen.model_export.mjcf_writer", ".xml", "a MuJoCo model", ("into", "prove")),
     "json": ExportFormat("hdagen.model_export.json_writer", ".json", "the joints' numbers by name"),
     "fmu": ExportFormat("hdagen.model_export.fmu_writer", ".fmu", "a unit for co-simulation, FMI", ("fmi",)),
     "c": ExportFormat("hdagen.model_export.c_writer", "", "the controllers' C with this robot's limits, a folder"),
