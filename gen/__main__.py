@@ -1,4 +1,4 @@
-"""Command line: build, list, describe, check, mend, time, truth."""
+"""Command line: build, list, describe, check, mend, wrap, time, truth."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(
-        dest="command", required=True, metavar="build | list | describe | check | mend | time | truth"
+        dest="command", required=True, metavar="build | list | describe | check | mend | wrap | time | truth"
     )
     build = commands.add_parser(
         "build",
@@ -131,6 +131,7 @@ def _run_command(options: argparse.Namespace) -> int:
             "describe": _describe_robot,
             "check": _check_robot,
             "mend": _print_remedy,
+            "wrap": _wrap_sources,
         }
         return (runs | {"time": _time_functions, "truth": _solve_problems})[options.command](options)
     except RobotError as error:
@@ -176,6 +177,11 @@ def _add_describe_and_mend(commands: Any) -> None:
     described.add_argument("robot", help="a preset or a robot.toml")
     mended = commands.add_parser("mend", help="print the step and the smoothing that carry a robot, as JSON")
     mended.add_argument("robot", help="a preset or a robot.toml")
+    wrapped = commands.add_parser("wrap", help="copy a build's C with a wrapper for other programs; prints its sources")
+    wrapped.add_argument("kind", choices=("firmware", "fmi2", "fmi3"), help="the wrapper")
+    wrapped.add_argument("build", type=Path, help="the folder of a build, portable")
+    wrapped.add_argument("folder", type=Path, help="where the files go; it may hold the wrapper's headers")
+    wrapped.add_argument("--library", default="", help="also compile them into a shared library of this name there")
 
 
 def _add_truth(commands: Any) -> None:
@@ -238,6 +244,16 @@ def _print_remedy(options: argparse.Namespace) -> int:
 
     step, widths = assemble_library(options.robot, load(options.robot), ())[2].find_remedy()
     print(json.dumps({"step": step, "friction_smoothing": widths}))
+    return 0
+
+
+def _wrap_sources(options: argparse.Namespace) -> int:
+    from gen.builder.wrapped_sources import compile_wrapper, wrap_sources
+
+    sources = wrap_sources(options.kind, options.build, options.folder)
+    if options.library:
+        compile_wrapper(options.build, options.folder, sources, options.library)
+    print("\n".join(sources))
     return 0
 
 

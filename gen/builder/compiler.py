@@ -152,7 +152,7 @@ def compile_library(folder: Path, sources: list[str], profile: str, name: str, k
 
     """
     made = [source.replace(".c", ".o") for source in sources]
-    shared: tuple[str, ...] = ("-shared",)
+    shared: tuple[str, ...] = ("-shared", "-Wl,-Bsymbolic")  # another library's functions never take its own's place
     if sys.platform == "darwin":
         shared = ("-dynamiclib", "-undefined", "dynamic_lookup")
     link = (*find_compiler().command, *shared, "-o", name, *made, "-lm")
