@@ -42,7 +42,7 @@ class CompileError(Exception):
 
 
 class MissingCompilerError(CompileError):
-    """This machine has no C compiler that works."""
+    """There is no C compiler that works."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,12 @@ def find_compiler() -> Compiler:
         try:
             command = tuple(shlex.split(named))
         except ValueError as error:
-            raise MissingCompilerError(f"$CC: found {named}, which is no command ({error}); correct or unset it.") from None
+            said = f"$CC: found {named}, which is no command ({error}); correct or unset it."
+            raise MissingCompilerError(said) from None
         version, why = _ask_version(command)
         if not version:
-            raise MissingCompilerError(f"$CC: found {named}, which is no C compiler that works ({why}); correct or unset it.")
+            said = f"$CC: found {named}, which is no C compiler that works ({why}); correct or unset it."
+            raise MissingCompilerError(said)
         if os.sep in command[0]:  # it is called from other folders
             command = (os.path.abspath(command[0]), *command[1:])
         return Compiler(command, version)

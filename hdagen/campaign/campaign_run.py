@@ -9,7 +9,7 @@ from dataclasses import replace
 from hdagen.campaign.campaign_progress import CampaignProgress
 from hdagen.campaign.result_store import ResultStore
 from hdagen.campaign.task import Outcome, Status, Task
-from hdagen.campaign.task_runner import TaskRunner
+from hdagen.campaign.task_runner import TaskEnds, TaskRunner
 
 
 def run_campaign(
@@ -65,7 +65,7 @@ def _keep_finished(
     return todo
 
 
-def _run_todo(todo: Sequence[Task], runner: TaskRunner, inputs: dict[str, str]) -> Iterator[tuple[Task, Outcome]]:
+def _run_todo(todo: Sequence[Task], runner: TaskRunner, inputs: dict[str, str]) -> TaskEnds:
     """Tasks as they end; the hash of each one's inputs is taken as it is sent."""
 
     def send() -> Iterator[Task]:

@@ -104,7 +104,7 @@ class ResultStore:
                 raise OSError(22, "a task left a file whose name cannot be kept", name)
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             write_atomically(folder / name, content)
-        content = {
+        said = {
             "inputs": inputs,
             "status": outcome.status.value,
             "seconds": outcome.seconds,
@@ -113,7 +113,7 @@ class ResultStore:
             "files": sorted(outcome.files),
             "row": dict(outcome.row),
         }
-        write_atomically(folder / TASK_FILE, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+        write_atomically(folder / TASK_FILE, (json.dumps(said, indent=1, allow_nan=False) + "\n").encode())
 
     def _list_files(self, folder: Path) -> list[str]:
         """The files that an earlier outcome left. Raises FileNotFoundError where there is none."""

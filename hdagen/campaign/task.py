@@ -93,7 +93,7 @@ class Task:
     longest_seconds: float = math.inf
 
     def hash_inputs(self) -> str:
-        """Hash all that decides the result: action, parameters, content of the files, version.
+        """Hash what decides the result: action, parameters, content of the files wherever they lie, version.
 
         Returns:
             SHA-256, hexadecimal.
@@ -106,7 +106,7 @@ class Task:
             "version": __version__,
             "action": f"{self.action.__module__}:{self.action.__qualname__}",
             "parameters": dict(self.parameters),
-            "files": {name: [file.label, file.hash_content()] for name, file in self.files.items()},
+            "files": {name: file.hash_content() for name, file in self.files.items()},
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 

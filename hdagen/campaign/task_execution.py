@@ -18,7 +18,7 @@ from hdagen.campaign.task import Status, TaskFolder, TaskRefusedError
 
 DISK_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # the worker's fault, not the task's
 ENDED, NEEDS_BUILD, UNFIT_WORKER = "ended", "needs build", "unfit worker"  # kinds of a reply
-_SHOWN_ERROR_LINES = 5
+_MOST_MESSAGES = 50
 
 
 def execute_payload(payload: Mapping[str, Any], scratch: str | None = None) -> dict[str, Any]:
@@ -99,7 +99,7 @@ def _execute_in_folder(payload: Mapping[str, Any], place: Path) -> dict[str, Any
         "kind": ENDED,
         "status": status.value,
         "row": dict(row),
-        "messages": [_name_files_as_sent(line, folder) for line in messages[-_SHOWN_ERROR_LINES:]],
+        "messages": [_name_files_as_sent(line, folder) for line in messages[:_MOST_MESSAGES]],
         "files": {
             path.relative_to(out).as_posix(): path.read_bytes()
             for path in sorted(out.rglob("*"))

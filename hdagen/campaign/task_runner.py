@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import time
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -27,10 +27,13 @@ _RESTART_SECONDS = 30.0
 _LONGEST_WAIT_FOR_WORKERS = 600.0  # s without any worker
 
 
+TaskEnds = Generator[tuple[Task, Outcome], None, None]
+
+
 class TaskRunner(Protocol):
     """Anything that runs tasks."""
 
-    def run_tasks(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Outcome]]:
+    def run_tasks(self, tasks: Iterable[Task]) -> TaskEnds:
         """Run tasks.
 
         Args:
@@ -48,7 +51,7 @@ class TaskRunner(Protocol):
 class InProcessRunner:
     """Runs one task after the other in this process."""
 
-    def run_tasks(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Outcome]]:
+    def run_tasks(self, tasks: Iterable[Task]) -> TaskEnds:
         """Run tasks, one after the other.
 
         Args:
@@ -106,7 +109,7 @@ class DaskRunner:
         self._count = 0
         self._lonely_since = 0.0
 
-    def run_tasks(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Outcome]]:
+    def run_tasks(self, tasks: Iterable[Task]) -> TaskEnds:
         """Run tasks on the cluster.
 
         Args:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from hdagen.pages import markup
 from hdagen.pages.markup import build_element, escape_html, replace_unprintable
@@ -172,7 +173,11 @@ def build_svg(layout: Layout, width: float, height: float, description: str, *ch
 
 
 def build_rows_table(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", sentences: Sequence[str] = ()
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    caption: str = "",
+    sentences: Sequence[str] = (),
+    links: Sequence[str] = (),
 ) -> str:
     """Build a table of ready text, whose first column names the row.
 
@@ -181,6 +186,7 @@ def build_rows_table(
         rows: Cells of each row, one for every column.
         caption: Heading of the table, or none.
         sentences: Headings of the columns that break their lines.
+        links: Where the name of each row leads, an empty text for nowhere; none: no row has a link.
 
     Returns:
         The table in an element that scrolls.
@@ -194,15 +200,20 @@ def build_rows_table(
     ]
     parts = [
         build_element("thead", build_element("tr", *heads)),
-        build_element("tbody", *(_table_row(row, classes) for row in rows)),
+        build_element(
+            "tbody", *(_table_row(row, classes, link) for row, link in zip_longest(rows, links, fillvalue=""))
+        ),
     ]
     if caption:
         parts.insert(0, build_element("caption", escape_html(caption)))
     return build_element("div", build_element("table", *parts), class_="scroll")
 
 
-def _table_row(row: Sequence[str], classes: Sequence[str | None]) -> str:
-    cells = [build_element("th", escape_html(row[0]), scope="row", class_=classes[0])]
+def _table_row(row: Sequence[str], classes: Sequence[str | None], link: str) -> str:
+    name = escape_html(row[0])
+    if link:
+        name = build_element("a", name, href=link)
+    cells = [build_element("th", name, scope="row", class_=classes[0])]
     cells += [
         build_element("td", escape_html(cell), class_=kind) for cell, kind in zip(row[1:], classes[1:], strict=True)
     ]

@@ -7,6 +7,7 @@ const everyLinked = (self, action) => { // self and all figures of its link
 };
 const startTable = (figure, data) => {
   tools(figure, () => data.rows);
+  if (data.searchable) searchTable(figure, data.rows.slice(1));
   return { figure };
 };
 const starts = { curves: startCurves, heat: startHeat, arm: startArm, bars: startTable, table: startTable };

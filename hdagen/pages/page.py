@@ -15,7 +15,15 @@ from hdagen.pages import palette
 from hdagen.pages.markup import build_element, build_paragraphs, escape_html, replace_unprintable
 from hdagen.support.atomic_write import write_atomically
 
-SCRIPT_FILES = ("axis.js", "frame.js", "curves.js", "heat.js", "animation.js", "page.js")  # page.js starts the others
+SCRIPT_FILES = (
+    "axis.js",
+    "frame.js",
+    "curves.js",
+    "heat.js",
+    "animation.js",
+    "table.js",
+    "page.js",
+)  # page.js starts the others
 
 
 @dataclass(frozen=True)
