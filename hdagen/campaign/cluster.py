@@ -56,11 +56,13 @@ def _configure_dask() -> Iterator[None]:
     import dask
     import distributed  # registers its settings
 
-    settings = {
+    settings: dict[str, Any] = {
         **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},  # a kill is the limit
         "distributed.admin.large-graph-warning-threshold": "1TB",  # logs travel in their task
         "distributed.admin.system-monitor.disk": False,
     }
+    if not _has_dashboard():
+        settings["distributed.scheduler.http.routes"] = []
     logger = logging.getLogger(distributed.__name__)
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)
@@ -80,9 +82,6 @@ def _connect(asked: ClusterRequest, say: Callable[[str], None]) -> Iterator[tupl
         with _connect_to_address(asked, say) as client:
             yield client, ""
         return
-    dashboard = None
-    if importlib.util.find_spec("bokeh") is not None:
-        dashboard = f"{_LOCAL_ADDRESS}:0"
     memory: Any = asked.count_memory_bytes() or "auto"
     cluster = LocalCluster(
         n_workers=asked.jobs,
@@ -91,18 +90,23 @@ def _connect(asked: ClusterRequest, say: Callable[[str], None]) -> Iterator[tupl
         host=_LOCAL_ADDRESS,
         protocol="tls://",
         security=Security.temporary(),
-        dashboard_address=dashboard,
+        dashboard_address=f"{_LOCAL_ADDRESS}:0",
         memory_limit=memory,
         silence_logs=logging.CRITICAL + 1,
     )
     try:
         with Client(cluster) as client:
-            if dashboard is not None:
+            if _has_dashboard():
                 say(f"dashboard: {cluster.dashboard_link}")
             yield client, _find_memory_limit(cluster)
     finally:
         with suppress(TimeoutError):
             cluster.close(timeout=5)
+
+
+def _has_dashboard() -> bool:
+    """Whether the package that draws Dask's dashboard is installed."""
+    return importlib.util.find_spec("bokeh") is not None
 
 
 def _find_memory_limit(cluster: LocalCluster) -> str:

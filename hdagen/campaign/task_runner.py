@@ -14,7 +14,7 @@ from hdagen.arm.build_loader import PlantError
 from hdagen.campaign.build_transport import pack_build
 from hdagen.campaign.task import Outcome, Status, Task
 from hdagen.campaign.task_execution import ENDED, NEEDS_BUILD, execute_on_worker, execute_payload
-from hdagen.campaign.worker_admission import Admission
+from hdagen.campaign.worker_admission import Admission, end_process
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -23,7 +23,6 @@ MOST_BUILDS_OF_TASK = 8  # builds that a worker without a compiler may ask for
 MOST_KILLED_WORKERS = 3  # workers that a task may end before it is refused
 _LOOK_INTERVAL = 0.2  # s between looks at time limits and workers
 _REPLY_SECONDS = 60.0  # s in which the result of a task that has ended must arrive
-_RESTART_SECONDS = 30.0
 _LONGEST_WAIT_FOR_WORKERS = 600.0  # s without any worker
 
 
@@ -265,7 +264,7 @@ class DaskRunner:
                 continue
             del self._waiting[future]
             future.cancel(force=True)
-            self._client.restart_workers([attempt.worker], timeout=_RESTART_SECONDS, raise_for_error=False)
+            self._client.run(end_process, workers=[attempt.worker], wait=False)
             said = f"it was stopped after {attempt.task.longest_seconds:g} s."
             yield attempt, Outcome(Status.FAILED, messages=(said,), seconds=attempt.task.longest_seconds)
 
