@@ -16,7 +16,7 @@ from hdagen.campaign.task import Outcome, Status, Task
 from hdagen.support.atomic_write import open_atomically, write_atomically
 from hdagen.support.input_file import InputFileError, read_json
 
-TASK_FILE, TABLE_FILE, LOCK_FILE = "task.json", "results.parquet", ".lock"
+TASK_FILE, TABLE_FILE = "task.json", "results.parquet"
 _MOST_TASK_BYTES = 10_000_000  # bytes of a task.json
 _FILE_PATTERN = re.compile(r"[\w][\w.-]*(/[\w][\w.-]*)*")
 _FINISHED = {status.value: status for status in (Status.DONE, Status.REFUSED)}
@@ -37,10 +37,10 @@ class ResultStore:
 
         Raises:
             PlantError: Another run holds it.
-            OSError: It cannot be written into.
+            OSError: It cannot be opened.
 
         """
-        handle = os.open(self.folder / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+        handle = os.open(self.folder, os.O_RDONLY)  # a lock on the folder itself leaves no file behind
         try:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

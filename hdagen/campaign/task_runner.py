@@ -140,12 +140,12 @@ class DaskRunner:
         """Look for workers. Raises PlantError where none can take tasks."""
         from distributed.comm.core import CommClosedError
 
+        if self._client.status != "running":  # a scheduler that comes back has forgotten the tasks
+            raise self._explain_loss()
         try:
             self._admission.look_for_workers()
         except (OSError, CommClosedError) as error:
             raise self._explain_loss() from error
-        if self._client.status != "running":
-            raise self._explain_loss()
         if self._admission.admitted:
             self._lonely_since = 0.0
             return

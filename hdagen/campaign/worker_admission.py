@@ -69,7 +69,7 @@ class Admission:
             if answer == "":
                 self.admitted.add(address)
                 continue
-            if isinstance(answer, ImportError):
+            if isinstance(answer, Exception):  # of another class where it comes from the reading of the message
                 answer = f"it cannot load hdagen ({answer}); install the same hdagen there"
             self._refuse(address, str(answer))
 
