@@ -54,7 +54,7 @@ def open_cluster(
 def _configure_dask() -> Iterator[None]:
     """The settings of Dask for this run, and its log kept off the terminal."""
     import dask
-    import distributed  # registers its settings
+    import distributed  # noqa: F401 (registers settings and loggers)
 
     settings: dict[str, Any] = {
         **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},  # a kill is the limit
@@ -63,14 +63,17 @@ def _configure_dask() -> Iterator[None]:
     }
     if not _has_dashboard():
         settings["distributed.scheduler.http.routes"] = []
-    logger = logging.getLogger(distributed.__name__)
-    level = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
+    silent = logging.CRITICAL + 1
+    loggers = [logging.getLogger(name) for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(silent)
     try:
         with dask.config.set(settings):
             yield
     finally:
-        logger.setLevel(level)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 @contextmanager
@@ -139,8 +142,8 @@ def _connect_to_address(asked: ClusterRequest, say: Callable[[str], None]) -> It
             f"({_shorten_reason(error)}); check address and certificates."
         ) from None
     try:
-        if client.dashboard_link:
-            say(f"dashboard: {client.dashboard_link}")
+        if "dashboard" in client.scheduler_info()["services"]:
+            say(f"dashboard, where bokeh is installed beside the scheduler: {client.dashboard_link}")
         yield client
     finally:
         client.close(timeout=5)

@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import socket
 import sys
+import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 
+import pyarrow.parquet as pq
 import pytest
 import trivial_tasks as trivial
-from clusters import ROOT, Site, await_true, open_site, write_certificates
+from clusters import ROOT, Site, await_true, open_site, start_client, write_certificates
 from replayed import FLEXIBLE
 from trivial_tasks import make_stand_in
 
@@ -197,40 +202,70 @@ def test_a_client_without_the_certificate_is_refused(
         assert "\n" not in str(raised.value)
 
 
-def test_a_killed_worker_costs_nothing_and_a_killed_scheduler_ends_with_a_sentence(
-    tmp_path: Path, store: ResultStore
-) -> None:
-    """The same scheduler's address again: the next call goes on."""
+@pytest.mark.parametrize(
+    "victim, kills",
+    [("scheduler", 1), *(pytest.param(v, 20, marks=pytest.mark.campaign) for v in ("one", "scheduler", "client"))],
+)
+def test_a_kill_loses_nothing_and_does_nothing_twice(tmp_path: Path, victim: str, kills: int) -> None:
+    """kill -9 of a worker, the scheduler or the client in mid-run, time after time; then a last run to the end."""
+    count, random, calls, out = 20 + 10 * kills, Random(1), tmp_path / "calls", tmp_path / "out"
+    out.mkdir()
     with open_site(tmp_path / "site", ["one", "two"]) as site:
-        killed = []
-
-        def kill(words: str) -> None:
-            if "done" in words and not killed:
-                killed.append("one")
-                site.kill("one")
-
-        with open_cluster(site.ask(), silent) as runner:
-            found, _ = run_campaign(squares(60), store, runner, kill)
-        assert killed and {one.status for one in found.values()} == {Status.DONE}
-
-        def kill_scheduler(words: str) -> None:
-            if "done" in words and "scheduler" in site.processes:
-                site.kill("scheduler")
-
-        with (
-            pytest.raises(PlantError, match=r"scheduler is gone; what is finished is kept"),
-            open_cluster(site.ask(), silent) as runner,
-        ):
-            run_campaign(squares(200), store, runner, kill_scheduler)
-        finished = len(list(store.folder.glob("*/task.json")))
-        assert 60 <= finished < 200
         port = int(site.address.rpartition(":")[2])
-        site.kill("two")
-        site.start_scheduler(port)
-        site.start_worker("three")
-        said: list[str] = []
+        for _ in range(kills):
+            before = count_finished(out)
+            client = start_client(site, out, count, calls)
+            await_true(lambda before=before, client=client: count_finished(out) > before or client.poll() is not None)
+            time.sleep(random.uniform(0.0, 0.3))
+            if victim == "client":
+                os.killpg(client.pid, signal.SIGKILL)
+                client.wait()
+            else:
+                site.kill(victim)
+                assert client.wait(timeout=120) == {"scheduler": 2, "one": 0}[victim]
+            check_nothing_is_half(out)
+            if victim == "scheduler":
+                for name in ("one", "two"):
+                    site.kill(name)
+                site.start_scheduler(port)
+                site.start_worker("two")
+            if victim != "client":
+                site.start_worker("one")
+            if victim == "one":
+                count += 10
+        assert start_client(site, out, count, calls).wait(timeout=120) == 0, (tmp_path / "site/client.log").read_text()
+    rows = pq.read_table(out / "results.parquet").to_pylist()
+    assert [(row["task"], row["square"], row["status"]) for row in rows] == [
+        (f"square {k}", k * k, "done") for k in range(count)
+    ]
+    ran = Counter(line.split()[0] for line in calls.read_text().splitlines())
+    assert set(ran) == {str(k) for k in range(count)}
+    assert sum(ran.values()) - count <= 2 * kills  # nothing but what a worker had in hand is done again
+
+
+def count_finished(out: Path) -> int:
+    return len(list(out.glob("*/task.json")))
+
+
+def check_nothing_is_half(out: Path) -> None:
+    for path in out.glob("*/task.json"):
+        assert json.loads(path.read_text())["files"] == ["square.txt"] and (path.parent / "square.txt").exists()
+    if (out / "results.parquet").exists():
+        pq.read_table(out / "results.parquet")
+
+
+def test_a_killed_worker_costs_nothing(site: Site, store: ResultStore) -> None:
+    killed = []
+
+    def kill(words: str) -> None:
+        if "done" in words and not killed:
+            killed.append("east")
+            site.kill("east")
+
+    try:
         with open_cluster(site.ask(), silent) as runner:
-            found, _ = run_campaign(squares(200), store, runner, said.append)
-        assert {one.status for one in found.values()} == {Status.DONE}
-        assert said[0] == f"{finished} of 200 were finished before and are kept, {200 - finished} are left."
-        assert os.path.getsize(store.folder / "results.parquet") > 0
+            found, _ = run_campaign(squares(20), store, runner, kill)
+    finally:
+        if killed:
+            site.start_worker("east")
+    assert killed and {one.status for one in found.values()} == {Status.DONE}

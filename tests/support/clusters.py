@@ -3,6 +3,7 @@ disk."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -13,9 +14,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import trivial_tasks
 from distributed import Security
 
+from hdagen.arm.build_loader import PlantError
+from hdagen.campaign.campaign_run import run_campaign
+from hdagen.campaign.cluster import open_cluster
 from hdagen.campaign.cluster_request import ClusterRequest
+from hdagen.campaign.result_store import ResultStore
+from hdagen.campaign.task import Task
 
 ROOT = Path(__file__).parents[2]
 SUPPORT = Path(__file__).parent
@@ -82,17 +89,15 @@ class Site:
         """Starts the scheduler and waits for its address."""
         told = self.folder / "scheduler.json"
         told.unlink(missing_ok=True)
-        where = ["--host", "127.0.0.1", "--port", str(port), "--protocol", "tls", "--no-dashboard"]
+        where = ["--host", "127.0.0.1", "--port", str(port), "--protocol", "tls", "--dashboard-address", "127.0.0.1:0"]
         self.start("scheduler", "distributed.cli.dask_scheduler", *where, "--scheduler-file", str(told))
         await_true(lambda: told.exists() and told.stat().st_size > 10)
         time.sleep(0.1)
-        import json
-
         self.address = json.loads(told.read_text())["address"]
 
     def start_worker(self, name: str, *more: str, **environment: str) -> Path:
         """Starts a worker under a nanny, which starts it again when it dies."""
-        where = [self.address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard", *more]
+        where = [self.address, "--host", "127.0.0.1", "--nthreads", "1", "--dashboard-address", "127.0.0.1:0", *more]
         return self.start(name, "distributed.cli.dask_worker", *where, **environment)
 
     def kill(self, name: str) -> None:
@@ -104,6 +109,30 @@ class Site:
     def log(self, name: str) -> str:
         """What a process said."""
         return (self.folder / name / "log").read_text()
+
+
+def start_client(site: Site, out: Path, count: int, calls: Path) -> subprocess.Popen[bytes]:
+    """Starts a client of a cluster, which runs `main` here."""
+    paths = {"PYTHONPATH": os.pathsep.join((str(ROOT), str(SUPPORT)))}
+    command = [sys.executable, __file__, str(site.folder), site.address, str(out), str(count), str(calls)]
+    with (site.folder / "client.log").open("ab") as log:
+        return subprocess.Popen(command, env=os.environ | paths, stdout=log, stderr=log, start_new_session=True)
+
+
+def main(folder: str, address: str, out: str, count: str, calls: str) -> int:
+    """Squares so many numbers on a cluster; exit code 2 with a sentence where the scheduler is lost."""
+    store, site = ResultStore(Path(out)), Site(Path(folder), address)
+    tasks = [
+        Task(f"square {k}", trivial_tasks.write_square, {"number": k, "seconds": 0.02, "calls": calls})
+        for k in range(int(count))
+    ]
+    try:
+        with store.hold_lock(), open_cluster(site.ask(), print) as runner:
+            run_campaign(tasks, store, runner, print)
+    except PlantError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
 
 
 def await_true(is_so: object, seconds: float = 60.0) -> None:
@@ -135,3 +164,7 @@ def open_site(folder: Path, workers: Sequence[str] = ()) -> Iterator[Site]:
     finally:
         for name in list(site.processes):
             site.kill(name)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -24,8 +24,13 @@ Parameters = Mapping[str, Any]
 def note_call(name: str) -> None:
     """One more line in the file that $CALLS names."""
     if "CALLS" in os.environ:
-        with Path(os.environ["CALLS"]).open("a") as file:
-            file.write(f"{name} {os.getpid()}\n")
+        append_line(os.environ["CALLS"], name)
+
+
+def append_line(path: str, name: str) -> None:
+    """One more line, which no other process tears apart."""
+    with Path(path).open("a") as file:
+        file.write(f"{name} {os.getpid()}\n")
 
 
 def write_square(folder: TaskFolder, parameters: Parameters) -> dict[str, Any]:
@@ -34,6 +39,8 @@ def write_square(folder: TaskFolder, parameters: Parameters) -> dict[str, Any]:
     square = parameters["number"] ** 2
     (folder.out / "square.txt").write_text(str(square))
     note_call(str(parameters["number"]))
+    if "calls" in parameters:
+        append_line(parameters["calls"], str(parameters["number"]))
     return {"square": square, "process": os.getpid()}
 
 
