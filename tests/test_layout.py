@@ -112,6 +112,7 @@ FLOORS = (  # from the roof to the ground: a file imports from folders that stan
     "hdagen/paper/prototype",
     "hdagen/mpc/benchmark",
     "hdagen/mpc",
+    "hdagen/campaign",
     "hdagen/excitation",
     "hdagen/diagnosis",
     "hdagen/diagnosis/report",
