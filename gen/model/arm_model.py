@@ -16,8 +16,9 @@ import casadi as ca
 
 from gen.effects.effect import Effect, Port, Signals
 from gen.model import harmonic_drive as drive
+from gen.model.chain_dynamics import ChainDynamics
 from gen.model.drive_equations import DriveOutputs, DriveSymbols, write_drive_equations
-from gen.model.kinematic_chain import Chain
+from gen.model.kinematic_chain import planar_links
 from gen.model.model_quantities import list_inputs, list_quantities, list_states, memory_step_quantity
 from gen.robot.description import Robot
 
@@ -31,7 +32,7 @@ class Model:
         self.robot, self.effects = robot, effects
         self.n = len(robot.joints)
         self.joints = range(1, self.n + 1)
-        self.chain = Chain([joint.kind for joint in robot.joints])
+        self.chain = ChainDynamics(*planar_links([joint.kind for joint in robot.joints]), in_space=False)
         self.flexible = tuple(j for j in self.joints if not robot.joints[j - 1].drive.rigid)
         self.rigid = tuple(j for j in self.joints if robot.joints[j - 1].drive.rigid)
         self.plan = drive.plan_inverse([robot.joints[j - 1].drive for j in self.flexible])
@@ -108,8 +109,8 @@ class Model:
         return ca.vertcat(*(self.state_symbol(f"joint_velocity_{j}") for j in self.joints))
 
     @property
-    def force(self) -> Any:
-        """Force of the world on the tip, base frame, N (2)."""
+    def wrench(self) -> Any:
+        """Force of the world on the tip, N, and in space its moment, N m, in the base frame (2, or 6 in space)."""
         return self.u[self.n :]
 
     def joint_symbols(self, j: int) -> dict[str, Any]:
@@ -330,8 +331,8 @@ class Model:
             if reaction is not None:
                 load = load - reaction.T * drives[j].net_torque
         chain = self.chain_parameters()
-        field, force = (chain["gravity_x"], chain["gravity_y"]), (self.force[0], self.force[1])
-        return load - self.chain.newton_euler(self.q, self.v, [0] * self.n, chain, field, force, trig)
+        field, wrench = self.chain.gravity(chain), ca.vertsplit(self.wrench)
+        return load - self.chain.newton_euler(self.q, self.v, [0] * self.n, chain, field, wrench, trig)
 
 
 def solve_symmetric(M: Any, b: Any) -> Any:
