@@ -43,6 +43,10 @@ def emit_kinematics(model: Model, c: Any) -> list[EmittedFunction]:
             "∂tip/∂q (2 × n, column by column), velocity of the tip, and dJ/dt q̇",
         ),
     ]
+    if chain.in_space:
+        pose = {"position": chain.tip_position(q, p), "rotation": chain.tip_rotation(q)}
+        meaning = "position of the tip, m, and its rotation, column by column: components in the base frame"
+        out.append(EmittedFunction(make_dense_function("tip_pose", {"q": q, "c": c}, pose), meaning))
     a = SX.sym("a", model.n)
     angle, rate = encoder_readings(model, q, v, a)
     out.append(

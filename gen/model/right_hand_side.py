@@ -10,7 +10,7 @@ import casadi as ca
 
 from gen.effects.effect import Port
 from gen.model import harmonic_drive, input_effects, mechanics
-from gen.model.arm_model import Model
+from gen.model.arm_model import Model, invert_symmetric
 from gen.model.drive_equations import DriveOutputs
 from gen.model.emitted_function import EmittedFunction, make_dense_function
 
@@ -328,26 +328,37 @@ def _hand_over(model: Model, lanes: tuple[Lane, ...], sliding: Any) -> Any:
 
 
 def _rate_jacobians(model: Model) -> list[Any]:
-    """∂ẋ/∂x, ∂ẋ/∂u, ∂ẋ/∂p. The springs' inverse is differentiated by the implicit function theorem, so the derivative
-    is that of the law itself, at τ = 0 too, and carries nothing of the iteration."""
+    """∂ẋ/∂x, ∂ẋ/∂u, ∂ẋ/∂p, differentiated neither through an iteration nor through a factorisation.
+
+    With r the load that a motion lacks, ∂a/∂w is M⁻¹ ∂r/∂w at the accelerations a. The springs' inverse is
+    differentiated by the implicit function theorem, so the derivative is that of the law itself, at τ = 0 too.
+    """
     spring = {j: SX.sym(f"spring_{j}") for j in model.flexible}
     drives = {j: model.drive_outputs(j, model.joint_parameters(j), spring_torque=spring.get(j)) for j in model.joints}
-    rate, _ = model.equations_of_motion(drives)
+    a = SX.sym("a", model.n)
+    load, rate = model.unbalanced_load(drives, a), model.state_rate(drives, a, [1] * model.n)
+    inverse = invert_symmetric(model.total_mass_matrix())
     law = {j: harmonic_drive.spring_constants(model.joint_parameters(j)) for j in model.flexible}
-    solved = [
+    torques = [
         harmonic_drive.spring_torque(drives[j].effective_torsion, law[j], model.inverse_symbols[j], model.plan)
         for j in model.flexible
     ]
+    first = [s.name for s in model.x_slots].index("joint_velocity_1")
+    accelerations = model.equations_of_motion(drives)[0][first : first + model.n]
     out = []
     for w in (model.x, model.u, model.p):
-        total = ca.jacobian(rate, w)
+        by_load, by_rate = ca.jacobian(load, w), ca.jacobian(rate, w)
         for j in model.flexible:
             slack = ca.jacobian(
                 drives[j].effective_torsion - harmonic_drive.spring_torsion(spring[j], law[j]), w
             ) / harmonic_drive.spring_compliance(spring[j], law[j])
-            total = total + ca.jacobian(rate, spring[j]) @ slack
+            by_load, by_rate = (
+                by + ca.jacobian(of, spring[j]) @ slack for by, of in ((by_load, load), (by_rate, rate))
+            )
+        total = by_rate + ca.jacobian(rate, a) @ (inverse @ by_load)
+        total = ca.substitute(total, a, accelerations)
         if spring:
-            total = ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*solved))
+            total = ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*torques))
         out.append(total)
     return out
 

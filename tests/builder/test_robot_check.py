@@ -75,7 +75,7 @@ def test_fastest_mode_of_one_spring_is_that_of_two_masses(tmp_path: Path) -> Non
     limited = text.replace("viscous_friction = 0.0001", "viscous_friction = 0.0") + "[joint.limits]\ntorque = 40.0\n"
     robot, found = examined(tmp_path, limited)
     joint, p = robot.joints[0], robot.joints[0].drive
-    link = joint.inertia.nominal + joint.mass.nominal * joint.center_of_mass.nominal**2
+    link = joint.link.inertia.nominal + joint.mass.nominal * joint.link.center_of_mass.nominal**2
     rotor = p.ratio.nominal**2 * p.motor_inertia.nominal
     for mode, torque in ((found.unloaded, 0.0), (found.loaded, 40.0)):
         flexspline = 1 / (p.flexspline_stiffness.nominal * (1 + (p.flexspline_stiffening.nominal * torque) ** 2))
