@@ -20,6 +20,10 @@ DRIVE_PORTS = {  # ports whose effects stand in the graph of one drive
 }  # fmt: skip
 
 
+LANE_WIDTHS = (2, 4, 8)
+WIDEST_LANE = LANE_WIDTHS[-1]
+
+
 @dataclass(frozen=True)
 class Lane:
     """Joints whose drives are the same graph, evaluated side by side."""
@@ -224,7 +228,7 @@ def _group_joints(model: Model) -> list[tuple[int, ...]]:
         joint = model.robot.joints[j - 1]
         acting = tuple(e.name for e in model.effects if e.port in DRIVE_PORTS and j in model.joints_of_effect(e))
         kinds.setdefault((joint.drive.rigid, joint.kind, joint.drive.torque_constant is None, acting), []).append(j)
-    return [tuple(joints) for joints in kinds.values()]
+    return [tuple(joints[k : k + WIDEST_LANE]) for joints in kinds.values() for k in range(0, len(joints), WIDEST_LANE)]
 
 
 def _state_names(model: Model, j: int) -> list[str]:
@@ -247,7 +251,7 @@ def _lane_outputs(model: Model, j: int, d: DriveOutputs) -> tuple[list[Any], lis
 
 
 def _make_lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
-    width = next(w for w in (2, 4, 8) if w >= len(joints))
+    width = next(w for w in LANE_WIDTHS if w >= len(joints))
     first, index = joints[0], {s.name: k for k, s in enumerate(model.x_slots)}
     s = SX.sym("s")
     smooth, _ = _lane_outputs(model, first, model.drive_outputs(first, model.joint_parameters(first)))
