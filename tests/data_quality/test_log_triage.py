@@ -462,7 +462,7 @@ def test_a_log_of_two_rates_has_lost_no_row(good: Log) -> None:
 
 
 def test_a_motion_that_changes_within_a_few_rows_has_lost_none() -> None:
-    """Slow sampling beside quick moves: one row goes twice as far as those around, but no farther than its neighbour."""
+    """Slow sampling of quick moves: a row goes twice as far as those around, but not as its neighbours."""
     time = np.arange(0, 24, 0.02)
     hurry = 1.2 * np.exp(-(((time % 1.0 - 0.5) / 0.02) ** 2))
     position = np.cumsum(0.02 * np.sign(np.sin(0.9 * time)) * (0.2 + 0.2 * hurry))

@@ -5,9 +5,9 @@ motion far better. So the next sets are replayed on motion that no fit saw, and 
 it as another cannot lead: the better one takes its place. It is not sure then, as the windows say otherwise.
 
 Ordinary frictions, those that a robot file states, need less. Every drive has them, so they are expected where a rarer
-friction is not. A set whose frictions are all ordinary takes the lead in two cases: it leaves less of the unseen motion,
-by more than an effect that counts as small; or the leader has a rarer friction, leaves many times the noise, and tells
-that motion about as well only.
+friction is not. A set whose frictions are all ordinary takes the lead in two cases. Either it leaves less of the unseen
+motion, by more than a small effect may. Or the leader has a rarer friction, leaves many times the noise, and tells that
+motion about as well only.
 """
 
 from __future__ import annotations
