@@ -13,7 +13,6 @@ import logging
 from collections.abc import Iterator, Sequence
 
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
-from hdagen.diagnosis.inference.fit_settings import FIT
 from hdagen.diagnosis.inference.gauss_newton import place_sizes
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
@@ -51,7 +50,7 @@ def fit_ordinary_frictions(
         LOGGER.info("fitting %s, from the regressed torque", " + ".join(words.names_of(atoms)))
         start = place_sizes(at, words, atoms, regression.fit_set(atoms).theta)
         begun = start_fit(at, words, atoms, near, start)
-        return continue_fit(begun, words, SEARCH.close_call_steps, FIT.least_evidence_step).without_columns()
+        return continue_fit(begun, words, SEARCH.most_further_steps, 1.0).without_columns()
 
     wanted = dict.fromkeys(_list_sets(words, lead))
     return map_in_threads(fit_set, [atoms for atoms in wanted if words.names_of(atoms) not in ended])
