@@ -21,7 +21,7 @@ from hdagen.data_quality.relations import (
 from hdagen.log.channel_statistics import fit_slope_and_correlation
 from hdagen.log.column_map import split_column_name
 
-_LOST_ROW_RATIOS = 1.7, 3.3  # times the usual move of a row where one or two rows before it were lost
+_LOST_ROW_RATIOS = 1.7, 3.3  # times the usual move, and that of either neighbour, where one or two rows were lost
 _LEAST_LOST_SHARE = 0.003  # least share of the moving rows, from which rows were lost
 _FOLLOWING_CORRELATION = 0.95  # correlation from which a position follows a reference
 SPOILT_ENCODERS = ("wrapped", "jump", "swapped")  # findings after which a joint's encoders say nothing of each other
@@ -75,7 +75,8 @@ def find_jumps(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> lis
 def find_lost_rows(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find rows that were lost before they were numbered.
 
-    All moving positions go two or three times as far there as in the rows around, while time runs on evenly.
+    All moving positions go two or three times as far there as in the rows around, and farther than in either
+    neighbour, while time runs on evenly.
 
     Args:
         profile: of the log.
@@ -96,7 +97,10 @@ def find_lost_rows(profile: LogProfile, robot: RobotFacts, model: Arm | None) ->
         moves = np.diff(log[name])
         usual = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(moves, 3, mode="edge"), 7), axis=1)
         fast = (np.abs(usual) > 10 * channel.noise) & whole
-        ratios.append(np.where(fast, moves / np.where(fast, usual, 1.0), np.nan))
+        beside = np.pad(np.abs(moves), 1, mode="edge")
+        smooth = np.abs(moves) < _LOST_ROW_RATIOS[0] * np.maximum(beside[:-2], beside[2:])
+        ratio = np.where(fast, moves / np.where(fast, usual, 1.0), np.nan)
+        ratios.append(np.where(smooth & fast, 1.0, ratio))
     if not ratios:
         return []
     seen = np.isfinite(ratios).any(axis=0)
