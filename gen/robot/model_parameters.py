@@ -23,6 +23,9 @@ DRIVE_KEYS = (
     "law_torque",
 )
 DISSIPATION_KEYS = ("viscous_friction", "coulomb_friction", "torsional_damping")
+INERTIAL_KEYS = ("mass", "inertia", "motor_inertia")
+LARGEST_FACTOR = 3.0  # times the nominal that a parameter may be, and its inverse
+LARGEST_INERTIAL_FACTOR = 10.0  # the same of masses and inertias: an armature is often a guess
 LARGEST_DAMPING_FACTOR = 20.0  # times the nominal damping that a spring may have when it is cold or worn
 
 
@@ -45,7 +48,8 @@ def list_parameters(robot: Robot) -> tuple[ParameterValue, ...]:
 
     A drive without springs, or without a torque constant, has no such parameters. Bounds lie within the physical range:
 
-    - from a third of the nominal to three times it, or as far from 0 as the key's ``zero_width`` where it is 0;
+    - from a third of the nominal to three times it, of a mass or an inertia from a tenth to ten times;
+    - as far from 0 as the key's ``zero_width`` where it is 0;
     - a motor's friction from nothing up, as a file may state a guess, or a gear's friction for a whole joint's;
     - damping of a spring from nothing to LOSSES times the nominal, or up to its physical range where that is 0;
     - a lumped inertia may be negative, and a prismatic joint's length is 0.
@@ -92,6 +96,9 @@ def _parameter_bounds(key: Key, kind: str, nominal: float) -> tuple[float, float
     if key.name == "inertia" and nominal < 0:
         least = -key.range.high
     low, high = -key.zero_width, key.zero_width
+    factor = LARGEST_FACTOR
+    if key.name in INERTIAL_KEYS:
+        factor = LARGEST_INERTIAL_FACTOR
     if nominal:
-        low, high = sorted((nominal / 3, nominal * 3))
+        low, high = sorted((nominal / factor, nominal * factor))
     return max(low, least), min(high, key.range.high)

@@ -14,6 +14,7 @@ from typing import Any
 
 from gen.presets import find_presets
 from gen.robot.gear_catalogue import CATALOGUE
+from gen.robot.trust import SOURCES
 
 MAX_JOINTS = 6
 SUBTABLES = {"": ("joint", "effect"), "joint": ("drive", "limits", "sensor")}
@@ -30,8 +31,8 @@ TITLES = {
 class ValueKind(Enum):
     """How a value is written."""
 
-    PARAMETER = "number or {value, tolerance}"
-    PARAMETERS = "list of two: number or {value, tolerance}"
+    PARAMETER = "number, {value, tolerance} or {value, source}"
+    PARAMETERS = "list of two: number, {value, tolerance} or {value, source}"
     NUMBER = "number"
     RANGE = "[low, high]"
     WHOLE = "whole number"
@@ -259,8 +260,10 @@ Values are in SI units, angles in rad. The `[[joint]]` tables stand base first, 
 `[joint.drive]`, `[joint.limits]` and `[joint.sensor]` belong to the `[[joint]]` above them. Units of a prismatic joint
 stand in parentheses.
 
-A number marked ± may be written `{{value = 1.6, tolerance = 0.1}}`. A plain number has the tolerance of the file, or 0
-if the mark is (±).
+A number marked ± may be written `{{value = 1.6, tolerance = 0.1}}` or `{{value = 1.6, source = "CAD"}}`. A plain number
+has the tolerance of the file, or 0 if the mark is (±). A source stands for a tolerance, a relative standard deviation:
+
+{sources}
 
 All problems of a file are reported together: unknown keys, missing keys, wrong types and values out of range. A file
 that is not TOML in UTF-8, or is larger than 1 MB, is refused as a whole.
@@ -281,7 +284,12 @@ def write_document() -> str:
 
     """
     parts = [
-        INTRODUCTION.format(joints=MAX_JOINTS, presets=_quote_names(find_presets()), gears=_quote_names(CATALOGUE))
+        INTRODUCTION.format(
+            joints=MAX_JOINTS,
+            presets=_quote_names(find_presets()),
+            gears=_quote_names(CATALOGUE),
+            sources=_write_sources(),
+        )
     ]
     for table, title in TITLES.items():
         heading = f"`{title}`" if table else title
@@ -291,6 +299,12 @@ def write_document() -> str:
         )
         parts += [_document_row(key) for key in keys_of(table).values()]
     return "\n".join(parts) + "\n"
+
+
+def _write_sources() -> str:
+    """The tolerance of each source, as a table in Markdown."""
+    rows = (f"| `{one.name}` | {one.tolerance:g} | {one.reason} |" for one in SOURCES)
+    return "\n".join(("| source | tolerance | reason |", "|---|---|---|", *rows))
 
 
 def _quote_names(names: Iterable[str]) -> str:

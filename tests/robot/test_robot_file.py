@@ -216,7 +216,7 @@ def test_parameters_stand_in_order_within_bounds() -> None:
         *("viscous_friction_2", "coulomb_friction_2", "friction_smoothing_2"),
     ]
     by_name = {p.name: p for p in found}
-    assert (by_name["mass_1"].low, by_name["mass_1"].high) == pytest.approx((1 / 3, 3))
+    assert (by_name["mass_1"].low, by_name["mass_1"].high) == pytest.approx((1 / 10, 10))
     assert (by_name["gravity_y"].low, by_name["gravity_y"].high) == pytest.approx((-9.81 * 3, -9.81 / 3))
     assert (by_name["gravity_x"].low, by_name["gravity_x"].high) == (-10, 10)
     assert (by_name["viscous_friction_2"].low, by_name["viscous_friction_2"].high) == (0, 1e6)

@@ -9,6 +9,11 @@ from hdagen.arm.effect_catalogue import EffectCatalogue
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
+from hdagen.diagnosis.report.number_sentences import (
+    find_wrong_numbers,
+    say_strained_numbers,
+    say_wrong_numbers,
+)
 from hdagen.diagnosis.report.report_settings import REPORT
 from hdagen.pages.quantity import format_number
 
@@ -27,7 +32,15 @@ def write_verdict(content: dict[str, Any]) -> str:
     text = f"{_say_verdict(content)}. {_say_gap(content)}{_compare_with_best(gap)}."
     if content["contradicted"]:
         text += f" {say_contradiction(content['contradicted'])}"
-    for remark in (_say_remainder, _say_moments, _say_bounds, _say_nuisance_effect, _say_repairs, _say_unmoved_joints):
+    for remark in (
+        say_strained_numbers,
+        _say_remainder,
+        _say_moments,
+        _say_bounds,
+        _say_nuisance_effect,
+        _say_repairs,
+        _say_unmoved_joints,
+    ):
         text += remark(content)
     return text
 
@@ -41,11 +54,23 @@ def _say_verdict(content: dict[str, Any]) -> str:
     elif not named:
         said = f"{_say_joints(verdict)} something that no known effect explains{_say_doubt(content['doubts'])}"
     else:
-        each, verb = _join_effects(named), _agree_in_number(named, "is", "are")
-        said = f"{each[0].upper()}{each[1:]} {verb} missing in the model{_say_probability(content, named)}"
+        said = f"{_say_named(content, named)}{_say_probability(content, named)}"
     if not content["sure"] and not content["contradicted"]:
         said += "; this is not sure"
     return said
+
+
+def _say_named(content: dict[str, Any], named: Sequence[str]) -> str:
+    """The wrong numbers of the robot file first, then the effects that the model lacks."""
+    numbers = say_wrong_numbers(content)
+    effects = [entry for entry in named if entry not in find_wrong_numbers(content)]
+    if not effects:
+        return numbers
+    each, verb = _join_effects(effects), _agree_in_number(effects, "is", "are")
+    missing = f"{each[0].upper()}{each[1:]} {verb} missing in the model"
+    if not numbers:
+        return missing
+    return f"{numbers}. {missing}"
 
 
 def _say_probability(content: dict[str, Any], named: Sequence[str]) -> str:
