@@ -35,20 +35,23 @@ def compute_factor(fit: Fit, candidate: Candidate) -> float:
 
 
 def combine_numbers(
-    weight: MutableMapping[EffectNames, float], fits: Mapping[EffectNames, Fit], traits: Mapping[str, EffectTraits]
+    weight: MutableMapping[EffectNames, float],
+    fits: Mapping[EffectNames, Fit],
+    numbers: frozenset[str],
+    traits: Mapping[str, EffectTraits],
 ) -> dict[str, EffectNames]:
     """Give sets that differ in one number alone, which the motion cannot part, to the set whose number changes least.
 
     Args:
         weight: posterior weights of sets of effects, changed in place.
         fits: the sets' own fits, where they are done.
+        numbers: all candidates that are numbers of the robot file, name@joint.
         traits: of every effect by name@joint.
 
     Returns:
         All members of each combination, by the name that stands for them.
 
     """
-    numbers = {atom.name for fit in fits.values() for atom in fit.sensitivities.candidates.members if atom.is_number}
     lead = max(weight, key=lambda names: (weight[names], names))
     found: dict[str, EffectNames] = {}
     for name in [name for name in lead if name in numbers]:
@@ -72,13 +75,15 @@ def combine_numbers(
     return found
 
 
-def _is_alternative(name: str, other: str, numbers: set[str], traits: Mapping[str, EffectTraits]) -> bool:
+def _is_alternative(name: str, other: str, numbers: frozenset[str], traits: Mapping[str, EffectTraits]) -> bool:
     """Tell whether an effect can stand for a number: another number at any joint, an effect at the same joint."""
     effect, _, joint = other.partition("@")
     return effect in traits[name].alternatives and (other in numbers or joint == name.partition("@")[2])
 
 
-def _choose_least_change(swapped: Mapping[str, EffectNames], fits: Mapping[EffectNames, Fit], numbers: set[str]) -> str:
+def _choose_least_change(
+    swapped: Mapping[str, EffectNames], fits: Mapping[EffectNames, Fit], numbers: frozenset[str]
+) -> str:
     """Choose the member that changes least, of those whose sets are fitted; an effect among them stands first."""
 
     def change(name: str) -> float:

@@ -169,14 +169,19 @@ def score_hypotheses(
         ] - DECISION.most_evidence_deficit:
             weight[more] += weight[names]
             weight[names] = 0.0
-    traits = {atom.name: atom.traits for fit in fits.values() for atom in fit.sensitivities.candidates.members}
+    members = [atom for fit in fits.values() for atom in fit.sensitivities.candidates.members]
+    traits = {atom.name: atom.traits for atom in members}
+    numbers = frozenset(atom.name for atom in members if atom.is_number)
     seen = {fit: _relate_to_least_sizes(fit) for fit in set(stands.values())}
     for names in sorted(stands, key=len, reverse=True):
-        less = _drop_negligible(names, seen[stands[names]], evidence, traits)
+        less = _drop_negligible(names, seen[stands[names]], evidence, traits, numbers)
         if less != names:
-            weight[less if less in weight else ()] += weight[names]
+            less = less if less in weight else ()
+            weight[less] += weight[names]
             weight[names] = 0.0
-    combinations = combine_numbers(weight, own, traits)
+            if less:  # it stands for the larger set from here on
+                evidence[less] = max(evidence[less], evidence[names])
+    combinations = combine_numbers(weight, own, numbers, traits)
     total = sum(weight.values())
     order = sorted(weight, key=lambda names: (-weight[names], names))
     left = lead  # what even the best of all leaves
@@ -315,15 +320,17 @@ def _drop_negligible(
     size: Mapping[str, float],
     evidence: Mapping[tuple[str, ...], float],
     traits: Mapping[str, EffectTraits],
+    numbers: frozenset[str] = frozenset(),
 ) -> tuple[str, ...]:
     """The set without effects too small to count, ``size`` being in multiples of the least that does.
 
-    It also goes without an effect that only corrects the formula of others of its kind on the same joint.
+    It also goes without an effect that only corrects the formula of others of its kind on the same joint. Two
+    ``numbers`` of the robot file correct no formula of each other.
     """
     large = tuple(name for name in names if size[name] >= 1.0)
     for name in large if large == names else ():
         rest = tuple(n for n in names if n != name)
-        alike = [n for n in rest if _are_interchangeable(name, n, traits)]
+        alike = [n for n in rest if _are_interchangeable(name, n, traits) and not {name, n} <= numbers]
         without = tuple(n for n in rest if n not in alike)
         least = DECISION.form_correction_share * (evidence.get(rest, np.inf) - evidence.get(without, evidence[()]))
         if alike and evidence[names] - evidence.get(rest, -np.inf) < least:
@@ -334,12 +341,15 @@ def _drop_negligible(
 def _are_interchangeable(one: str, other: str, traits: Mapping[str, EffectTraits]) -> bool:
     """Whether both effects act between the encoders of the same joint, or are friction of the same motor.
 
-    No machine has exactly the formula of either. A wall acts beyond one angle alone, and corrects no gear's formula.
+    No machine has exactly the formula of either. A wall acts beyond one angle alone, and corrects no gear's formula;
+    nor does a mass or an inertia.
     """
     if one.partition("@")[2] != other.partition("@")[2]:
         return False
     both = (traits[one], traits[other])
-    in_gear = all(effect.place in PLACES_BETWEEN_ENCODERS and not effect.walls for effect in both)
+    in_gear = all(
+        effect.place in PLACES_BETWEEN_ENCODERS and not effect.walls and not effect.alternatives for effect in both
+    )
     return in_gear or all(effect.is_friction for effect in both)
 
 

@@ -44,7 +44,6 @@ from hdagen.diagnosis.search.ripple_order import add_ripple_orders
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.search.wrong_numbers import (
     choose_wrong_numbers,
-    count_effects,
     free_wrong_numbers,
     list_numbers,
     may_grow,
@@ -117,6 +116,18 @@ def _add_wrong_numbers(fitted: list[Fit], words: CandidateSet) -> list[Fit]:
     return drop_undeserved(sort_by_promise([more, *fitted]))
 
 
+def _add_numbers_alone(fitted: list[Fit], words: CandidateSet) -> list[Fit]:
+    """Add the best fit's wrong numbers alone, with those that stand in for its effects: these were chosen while the
+    robot file was taken as right."""
+    lead = first_with_columns(fitted)
+    numbers = list_numbers(lead)
+    if not numbers or len(numbers) == len(lead.effects):
+        return fitted
+    alone = continue_fit(refit_without(lead, words, numbers), words, SEARCH.most_further_steps, 1.0)
+    alone = free_wrong_numbers(alone, words) or alone
+    return drop_undeserved(sort_by_promise([alone, *fitted]))
+
+
 def _screen_candidates(at: Sensitivities) -> list[ScoredHypothesis]:
     """Score the null model and every effect that a channel shows, in the linear model, the most probable first."""
     silent, words, arm = at.undetectable_candidates(), at.candidates, at.shooting.arm
@@ -167,13 +178,12 @@ def run_races(
     if is_beyond_known_effects(fitted) or sort_by_evidence(fitted)[0].evidence_here < least:
         return drop_columns(sort_by_evidence(fitted))
     fitted, words = adopt_spike_scale(fitted, words)
+    fitted = _add_numbers_alone(fitted, words)
     lead = first_with_columns(fitted)
     leads = [
         lead,
         *[f for f in fitted if f is not lead and f.has_columns and f.effects and leaves_much(lead, fitted)][:1],
     ]
-    if count_effects(lead) and (numbers := list_numbers(lead)):  # the effects were chosen with a file that is wrong
-        leads = [lead, continue_fit(refit_without(lead, words, numbers), words, SEARCH.most_further_steps, 1.0)]
     while may_grow(leads[0]):
         before = leads[0]
         for lead in leads:
