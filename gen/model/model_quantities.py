@@ -41,6 +41,7 @@ class Quantity:
     is_reading_delay: bool = False
     encoder_term: str | None = None
     equivalent: str | None = None
+    offset: float = 0.0  # with it, the number that the robot file states: of a lumped inertia mass·center_of_mass²
 
 
 @dataclass(frozen=True)
@@ -156,8 +157,8 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
         low = max(min(low, value.nominal), value.nominal / SPRING_SPREAD)
         high = min(max(high, value.nominal), value.nominal * SPRING_SPREAD)
     name, typical, everywhere, is_guess = None, None, None, False
-    if key in FILE_NUMBER_NAMES and value.nominal:  # wrong by a factor, which 0 has not
-        name, typical, everywhere, is_guess = key, USUAL_ERROR * abs(value.nominal), 0.0, True
+    if key in FILE_NUMBER_NAMES and (stated := value.nominal + value.offset):  # wrong by a factor, which 0 has not
+        name, typical, everywhere, is_guess = key, USUAL_ERROR * abs(stated), 0.0, True
     elif key in amplitude_of:
         effect = amplitude_of[key]
         is_guess = key in effect.guessed_keys
@@ -176,6 +177,7 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
         typical,
         everywhere,
         is_guess=is_guess,
+        offset=value.offset,
     )
 
 

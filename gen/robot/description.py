@@ -70,7 +70,8 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint with its link. ``inertia`` is about the centre of mass (negative possible only where the file lumps)."""
+    """A joint with its link. ``inertia`` is about the centre of mass (negative possible only where the file lumps);
+    ``is_lumped``: the file states it about the joint, a way to write it and no part of the robot's meaning."""
 
     kind: str  # "revolute" or "prismatic"
     length: Value
@@ -80,6 +81,7 @@ class Joint:
     drive: Drive
     limits: Limits
     sensor: Sensor
+    is_lumped: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,11 +124,13 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
         robot: The robot description.
 
     Returns:
-        Everything but the place of the file, and effects that the file does not state.
+        Everything but the place of the file, its way to write inertias, and effects that the file does not state.
 
     """
     description = _to_plain_json(asdict(robot))
     del description["source"]
+    for joint in description["joints"]:
+        del joint["is_lumped"]
     description["effects"] = [effect for effect in description["effects"] if not effect.pop("assumed")]
     return description
 

@@ -137,6 +137,7 @@ def _make_joint(values: dict[str, dict[str, Any]], tolerance: float) -> Joint:
         drive=_make_drive(drive, tolerance),
         limits=Limits(**limits),
         sensor=Sensor(**values["sensor"]),
+        is_lumped=own.get("inertia") is None,
     )
 
 

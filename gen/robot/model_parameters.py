@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gen.robot.description import Drive, Joint, Robot, Value
 from gen.robot.schema import Key, keys_of, unit_at
@@ -31,7 +31,8 @@ LARGEST_DAMPING_FACTOR = 20.0  # times the nominal damping that a spring may hav
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A parameter of the model; ``joint`` 0 is the whole arm. low ≤ nominal ≤ high."""
+    """A parameter of the model; ``joint`` 0 is the whole arm. low ≤ nominal ≤ high. With ``offset`` it is the number
+    that the file states: of a lumped inertia mass·center_of_mass²."""
 
     name: str
     unit: str
@@ -41,6 +42,7 @@ class ParameterValue:
     tolerance: float
     meaning: str
     joint: int
+    offset: float = 0.0
 
 
 def list_parameters(robot: Robot) -> tuple[ParameterValue, ...]:
@@ -70,7 +72,17 @@ def list_parameters(robot: Robot) -> tuple[ParameterValue, ...]:
     for number, joint in enumerate(robot.joints, 1):
         for table, names, part in (("joint", LINK_KEYS, joint), ("joint.drive", DRIVE_KEYS, joint.drive)):
             values += _stated_parameters(table, names, part, joint.kind, number)
+        if joint.is_lumped:
+            values = [_lump_inertia(joint, one) if one.name == f"inertia_{number}" else one for one in values]
     return tuple(values)
+
+
+def _lump_inertia(joint: Joint, inertia: ParameterValue) -> ParameterValue:
+    """The inertia about the centre of mass, with the bounds of the one about the joint, which the file states."""
+    offset = joint.mass.nominal * joint.center_of_mass.nominal**2
+    stated = inertia.nominal + offset
+    low, high = stated / LARGEST_INERTIAL_FACTOR - offset, stated * LARGEST_INERTIAL_FACTOR - offset
+    return replace(inertia, low=low, high=high, offset=offset)
 
 
 def _stated_parameters(
@@ -93,7 +105,7 @@ def _parameter_bounds(key: Key, kind: str, nominal: float) -> tuple[float, float
     if key.name in DISSIPATION_KEYS:
         return 0.0, key.range.high
     least = key.range.low
-    if key.name == "inertia" and nominal < 0:
+    if key.name == "inertia" and nominal < 0:  # lumped
         least = -key.range.high
     low, high = -key.zero_width, key.zero_width
     factor = LARGEST_FACTOR

@@ -43,7 +43,7 @@ def _table(name: str) -> JsonSchema:
     return {"$ref": f"#/$defs/{name}"}
 
 
-OPTIONAL = {"settings", "prior", "combination", "strained"}  # keys that a document may lack
+OPTIONAL = {"settings", "prior", "combination", "strained", "stated"}  # keys that a document may lack
 
 # The keys of each table. Gaps and errors are in multiples of the sensor noise; an effect is name@joint.
 # fmt: off
@@ -95,6 +95,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("std", _or_null(MULTIPLE), "standard deviation; null for a shape and for a value without a fit"),
         ("unit", TEXT, "unit"),
         ("end", {"enum": ["low", "high", None]}, "the end of its range that the fit reached"),
+        ("stated", NUMBER, "of a factor, the number that the robot file states"),
         ("prior", MULTIPLE, "standard deviation before the log, where it is not that of the robot file"),
     ),
     "hypothesis": (

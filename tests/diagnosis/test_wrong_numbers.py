@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from hdagen import diagnose
-from hdagen.adoption.robot_update import adopt
 from hdagen.arm.compiled_arm import load
 from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.log.measured_log import Log

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from hdagen.adoption.verdict import FACTOR
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.inference.candidate_priors import Candidate
@@ -60,6 +61,6 @@ def describe_factor(
     found, q = parameters[stated[0]], described[stated[0]]
     std = None
     if found["std"] is not None:
-        std = found["std"] / abs(q.nominal)
-    factor = {"value": found["value"] / q.nominal, "std": std, "unit": "1", "end": found["end"], "prior": q.tolerance}
-    return {"factor": factor}
+        std = found["std"] / abs(q.stated)
+    factor = {"value": q.compute_factor(found["value"]), "std": std, "unit": "1", "end": found["end"]}
+    return {FACTOR: factor | {"prior": q.tolerance * abs(q.nominal / q.stated), "stated": q.stated}}

@@ -30,8 +30,7 @@ def compute_factor(fit: Fit, candidate: Candidate) -> float:
     """
     parameters = fit.sensitivities.shooting.arm.parameters
     name = candidate.amplitudes[0]
-    value = float(fit.sensitivities.point.p[parameters.index(name)])
-    return value / parameters.described[name].nominal
+    return parameters.described[name].compute_factor(float(fit.sensitivities.point.p[parameters.index(name)]))
 
 
 def combine_numbers(

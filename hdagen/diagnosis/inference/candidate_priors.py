@@ -105,7 +105,7 @@ class Column:
     ``index``: its place in p; ``center``: the value at θ = 0; ``unit`` of θ; ``spike``: prior standard deviation of θ;
     ``atom``: the candidate whose amplitude it is (−1: none); ``base``: every hypothesis fits it, as it does the keys of
     the robot file and the shapes of its own effects; ``seen``: initial guess of θ from the log (0: none);
-    ``background_size``: θ that every machine has a share of.
+    ``background_size``: θ that every machine has a share of; ``stated``: the number that the robot file states.
     """
 
     parameter: str
@@ -118,6 +118,7 @@ class Column:
     step: float = CANDIDATES.column_step
     initial_guess: float = 0.0
     background_size: float = 1.0
+    stated: float = 0.0
 
     @property
     def initial_value(self) -> float:
@@ -245,7 +246,7 @@ class CandidateSet:
         size = float(np.linalg.norm(theta[own]))
         if not self.members[k].is_number or len(own) != 1:
             return size
-        usual = self.columns[own[0]].unit / self.columns[own[0]].center
+        usual = self.columns[own[0]].unit / self.columns[own[0]].stated
         factor = 1.0 + float(theta[own[0]]) * usual
         if factor <= 0.0:
             return size

@@ -55,7 +55,7 @@ def build_candidates(arm: Arm, suggested: InitialGuess, uncommanded: Collection[
 
 def _is_stated(q: Parameter) -> bool:
     """Tell whether the robot file states a size, so that the true one may differ from it by a factor."""
-    return q.nominal != 0.0 and (q.role == "base" or q.nominal > q.low)
+    return q.stated != 0.0 and (q.role == "base" or q.nominal > q.low)
 
 
 def _combine_shape_starts(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
@@ -87,4 +87,4 @@ def _make_column(q: Parameter, index: int, atom: int, first: bool, suggested: In
         step = suggested.column_steps[name] / unit
     if first and name in suggested.values:
         seen = (suggested.values[name] - nominal) / unit
-    return Column(name, index, nominal, unit, spike, atom, base and first, step, seen, everywhere)
+    return Column(name, index, nominal, unit, spike, atom, base and first, step, seen, everywhere, nominal + q.offset)

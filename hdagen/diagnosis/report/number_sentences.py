@@ -50,16 +50,11 @@ def say_factor(cause: Mapping[str, Any]) -> str:
         A clause.
 
     """
-    parameters = cause["parameters"]
-    found = next(estimate for name, estimate in parameters.items() if name != FACTOR)
-    factor = parameters[FACTOR]["value"]
-    unit = f" {found['unit']}"
-    if found["unit"] == "1":
+    unit = next(f" {estimate['unit']}" for name, estimate in cause["parameters"].items() if name != FACTOR)
+    if unit == " 1":
         unit = ""
-    stated = ""
-    if factor:
-        stated = f"{format_number(found['value'] / factor, 3)}, and should be "
-    values = f"{stated}{format_number(found['value'], 3)}{unit}"
+    factor, stated = (cause["parameters"][FACTOR][key] for key in ("value", "stated"))
+    values = f"{format_number(stated, 3)}, and should be {format_number(factor * stated, 3)}{unit}"
     name = name_number(f"{cause['effect']}@{cause['joint']}") + _say_combination(cause)
     if factor <= 0.0:
         return f"{name} is wrong in it ({values})"
