@@ -38,7 +38,6 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
     """
     best = decision.best
     members = {atom.name: atom for fit in found.fits for atom in fit.sensitivities.candidates.members}
-    described = best.sensitivities.shooting.arm.parameters.described
     named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown@"))
     likely = {name: decision.marginal_probability(name) for name in named}
     whole = best
@@ -48,30 +47,12 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
     unseen: Sequence[str] | None = decision.undetectable
     if unseen is None:
         unseen = told.find_undetectable()
-    causes = []
-    for name in sorted(likely, key=lambda name: -likely[name]):
-        others = [
-            o
-            for o in likely
-            if _compute_alternative_probability(decision, name, o) > DECISION.least_mentioned_probability
-        ]
-        if name in decision.verdict and name in told.columns and not decision.is_long_horizon:
-            others += told.find_confusable(name)
-        same = {*decision.verdict, *decision.combinations.get(name, ())}
-        others = [o for o in dict.fromkeys(others) if o not in same]
-        experiments = suggest_experiments(best.sensitivities.shooting.arm.effects, name, others)
-        parameters = _list_parameters(name, decision)
-        cause = _describe_cause(name, likely[name], parameters, others, experiments)
-        cause["parameters"] |= describe_factor(members[name], described, parameters)
-        if name in decision.combinations:
-            cause["combination"] = list(decision.combinations[name])
-        causes.append(cause)
     return {
         "schema": SCHEMA,
         "verdict": list(decision.verdict),
         "sure": decision.is_sure,
         "where": [_locate_entry(entry, members) for entry in decision.verdict],
-        "causes": causes,
+        "causes": _describe_causes(decision, likely, told, members),
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "parameters": estimate_base_parameters(best),
         "undetectable": [name for name in unseen if name not in decision.verdict],
@@ -86,6 +67,33 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
             "noise_scale": math.sqrt(best.score.posterior.noise_level),
         },
     }
+
+
+def _describe_causes(
+    decision: Decision, likely: Mapping[str, float], told: Identifiability, members: Mapping[str, Candidate]
+) -> list[dict[str, Any]]:
+    """All candidates that were tried, the most probable first."""
+    arm = decision.best.sensitivities.shooting.arm
+    causes = []
+    for name in sorted(likely, key=lambda name: -likely[name]):
+        others = [
+            o
+            for o in likely
+            if _compute_alternative_probability(decision, name, o) > DECISION.least_mentioned_probability
+        ]
+        if name in decision.verdict and name in told.columns and not decision.is_long_horizon:
+            others += told.find_confusable(name)
+        same = {*decision.verdict, *decision.combinations.get(name, ())}
+        others = [o for o in dict.fromkeys(others) if o not in same]
+        experiments = suggest_experiments(arm.effects, name, others)
+        parameters = _list_parameters(name, decision)
+        cause = _describe_cause(name, likely[name], parameters, others, experiments)
+        if name in members:
+            cause["parameters"] |= describe_factor(members[name], arm.parameters.described, parameters)
+        if name in decision.combinations:
+            cause["combination"] = list(decision.combinations[name])
+        causes.append(cause)
+    return causes
 
 
 def _compute_alternative_probability(decision: Decision, name: str, other: str) -> float:

@@ -93,7 +93,7 @@ def say_strained_numbers(content: Mapping[str, Any]) -> str:
         A sentence with a space before it; empty where none strains.
 
     """
-    strained = content["method"].get("strained", ())
+    strained = content.get("method", {}).get("strained", ())
     if not strained:
         return ""
     named = ", ".join(
