@@ -328,8 +328,8 @@ def _drop_negligible(
     ``numbers`` of the robot file correct no formula of each other.
     """
     large = tuple(name for name in names if size[name] >= 1.0)
-    for name in large if large == names else ():
-        rest = tuple(n for n in names if n != name)
+    rests = {name: tuple(n for n in names if n != name) for name in large if large == names}
+    for name, rest in sorted(rests.items(), key=lambda item: -evidence.get(item[1], -np.inf)):  # the least missed first
         alike = [n for n in rest if _are_interchangeable(name, n, traits) and not {name, n} <= numbers]
         without = tuple(n for n in rest if n not in alike)
         least = DECISION.form_correction_share * (evidence.get(rest, np.inf) - evidence.get(without, evidence[()]))
