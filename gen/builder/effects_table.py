@@ -27,8 +27,8 @@ STATED = "These effects are in every model. The robot file states their amplitud
 ADDED = """These effects are in a model if its robot file states them (`[[effect]]`), or if a build asks for them
 (`--effects`). The diagnosis tries all of them.
 """
-NUMBERS = """The diagnosis also tries whether one of these numbers is wrong by a factor. They have no term: the equations of
-motion hold them.
+NUMBERS = """The diagnosis also tries whether one of these numbers is wrong by a factor. They have no term, as the
+equations of motion hold them.
 """
 NUMBERS_TABLE_HEAD = "| number | place | meaning | experiment |\n|---|---|---|---|\n"
 EFFECTS_TABLE_HEAD = "| effect | acts at | meaning |\n|---|---|---|\n"

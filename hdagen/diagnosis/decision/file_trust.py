@@ -63,4 +63,4 @@ def describe_factor(
     if found["std"] is not None:
         std = found["std"] / abs(q.stated)
     factor = {"value": q.compute_factor(found["value"]), "std": std, "unit": "1", "end": found["end"]}
-    return {FACTOR: factor | {"prior": q.tolerance * abs(q.nominal / q.stated), "stated": q.stated}}
+    return {FACTOR: factor | {"prior": q.tolerance * abs(q.nominal / q.stated), "file": q.stated}}

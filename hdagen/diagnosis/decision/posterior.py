@@ -325,12 +325,14 @@ def _drop_negligible(
     """The set without effects too small to count, ``size`` being in multiples of the least that does.
 
     It also goes without an effect that only corrects the formula of others of its kind on the same joint. Two
-    ``numbers`` of the robot file correct no formula of each other.
+    ``numbers`` of the robot file correct no formula of each other, and one that is off by its usual size corrects none.
     """
     large = tuple(name for name in names if size[name] >= 1.0)
     rests = {name: tuple(n for n in names if n != name) for name in large if large == names}
     for name, rest in sorted(rests.items(), key=lambda item: -evidence.get(item[1], -np.inf)):  # the least missed first
-        alike = [n for n in rest if _are_interchangeable(name, n, traits) and not {name, n} <= numbers]
+        far = {n for n in names if n in numbers and size[n] * CANDIDATES.present_size >= 1.0}
+        pairs = [n for n in rest if _are_interchangeable(name, n, traits) and not {name, n} <= numbers]
+        alike = [n for n in pairs if not {name, n} & far]
         without = tuple(n for n in rest if n not in alike)
         least = DECISION.form_correction_share * (evidence.get(rest, np.inf) - evidence.get(without, evidence[()]))
         if alike and evidence[names] - evidence.get(rest, -np.inf) < least:

@@ -1,86 +1,48 @@
-"""Sentences on wrong numbers of the robot file: which, too small or too large, by how much, and which others strain."""
+"""Sentences on numbers of the robot file: they claim too much, cannot be parted, or strain against their tolerance."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from hdagen.adoption.verdict import FACTOR
-from hdagen.pages.quantity import format_number
+from hdagen.adoption.verdict import FACTOR, MOST_TOLERANCES
+from hdagen.diagnosis.report.effect_words import join_effects, name_joint
 
 
-def find_wrong_numbers(content: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Find the entries of the verdict that are numbers of the robot file.
-
-    Args:
-        content: of diagnosis.json.
-
-    Returns:
-        Their causes by effect@joint, in the order of the verdict.
-
-    """
-    causes = {f"{cause['effect']}@{cause['joint']}": cause for cause in content["causes"]}
-    found = {entry: causes[entry] for entry in content["verdict"] if entry in causes}
-    return {entry: cause for entry, cause in found.items() if FACTOR in cause["parameters"]}
-
-
-def say_wrong_numbers(content: Mapping[str, Any]) -> str:
-    """Say which numbers of the robot file are wrong, by how much.
+def say_overconfidence(content: Mapping[str, Any]) -> str:
+    """Say that the robot file claims to know numbers better than it does, where one is off by many tolerances.
 
     Args:
         content: of diagnosis.json.
 
     Returns:
-        A clause without a full stop; empty where none is wrong.
+        A sentence with a space behind it; empty where no number is.
 
     """
-    said = "; ".join(say_factor(cause) for cause in find_wrong_numbers(content).values())
-    if not said:
+    factors = [cause["parameters"].get(FACTOR) for cause in _find_named_causes(content)]
+    if not any(one and abs(one["value"] - 1.0) > MOST_TOLERANCES * one["prior"] for one in factors):
         return ""
-    return f"The robot file is too sure of itself: {said}"
+    return "The robot file is too sure of itself. "
 
 
-def say_factor(cause: Mapping[str, Any]) -> str:
-    """Say of one number by how much it is too small or too large in the robot file.
+def say_combinations(content: Mapping[str, Any]) -> str:
+    """Say which numbers stand for others that the motion cannot part from them.
 
     Args:
-        cause: of diagnosis.json, with a factor.
+        content: of diagnosis.json.
 
     Returns:
-        A clause.
+        Sentences; empty where there are none.
 
     """
-    unit = next(f" {estimate['unit']}" for name, estimate in cause["parameters"].items() if name != FACTOR)
-    if unit == " 1":
-        unit = ""
-    factor, stated = (cause["parameters"][FACTOR][key] for key in ("value", "stated"))
-    values = f"{format_number(stated, 3)}, and should be {format_number(factor * stated, 3)}{unit}"
-    name = name_number(f"{cause['effect']}@{cause['joint']}") + _say_combination(cause)
-    if factor <= 0.0:
-        return f"{name} is wrong in it ({values})"
-    if factor < 1.0:
-        return f"{name} is too large in it by {format_number(1.0 / factor, 3)} times ({values})"
-    return f"{name} is too small in it by {format_number(factor, 3)} times ({values})"
-
-
-def name_number(entry: str) -> str:
-    """Name a number of the robot file as people say it.
-
-    Args:
-        entry: effect@joint.
-
-    """
-    effect, _, joint = entry.partition("@")
-    return f"{effect.replace('_', ' ')} of joint {joint}"
-
-
-def _say_combination(cause: Mapping[str, Any]) -> str:
-    """The other numbers from which the motion cannot part this one."""
-    entry = f"{cause['effect']}@{cause['joint']}"
-    others = [other for other in cause.get("combination", ()) if other != entry]
-    if not others:
-        return ""
-    return f" (or {', '.join(map(name_number, others))}, which this motion does not part from it)"
+    joints, said = content.get("joints", ()), []
+    for cause in _find_named_causes(content):
+        entry = f"{cause['effect']}@{cause['joint']}"
+        others = [other for other in cause.get("combination", ()) if other != entry]
+        if others:
+            named = join_effects(others, joints)
+            said.append(f"This motion does not part {join_effects([entry], joints)} from {named}.")
+    return " ".join(said)
 
 
 def say_strained_numbers(content: Mapping[str, Any]) -> str:
@@ -90,16 +52,25 @@ def say_strained_numbers(content: Mapping[str, Any]) -> str:
         content: of diagnosis.json.
 
     Returns:
-        A sentence with a space before it; empty where none strains.
+        Two sentences; empty where none strains.
 
     """
     strained = content.get("method", {}).get("strained", ())
     if not strained:
         return ""
-    named = ", ".join(
-        name.rpartition("_")[0].replace("_", " ") + f" of joint {name.rpartition('_')[2]}" for name in strained
-    )
+    joints, named = content.get("joints", ()), []
+    for parameter in strained:
+        key, _, joint = parameter.rpartition("_")
+        if joint.isdigit():
+            named.append(f"{key.replace('_', ' ')} of {name_joint(int(joint), joints)}")
+        else:
+            named.append(parameter.replace("_", " "))
     return (
-        f" Further numbers strain against three of their tolerances ({named}): what is named beside them may stand in "
-        "for them. State their sources or tolerances in the robot file and diagnose again."
+        f"Numbers strain against {MOST_TOLERANCES:g} times their tolerance ({', '.join(named)}), and an effect may "
+        "stand in for them. State their source or tolerance in the robot file, and diagnose again."
     )
+
+
+def _find_named_causes(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The causes of the verdict's entries."""
+    return [cause for cause in content["causes"] if f"{cause['effect']}@{cause['joint']}" in content["verdict"]]
