@@ -9,7 +9,8 @@ from hdagen.mpc.configuration_schema import format_key_table
 
 INTRODUCTION = """# controller.toml
 
-The configuration of the [predictive controller](../guides/mpc.md): `[table]`s with the keys below, and one `[[wall]]` for each wall.
+The configuration of the [predictive controller](../guides/mpc.md): `[table]`s with the keys below, and one
+`[[wall]]` for each wall.
 All problems of a file are reported together, one sentence each, before anything is built:
 
 - unknown keys and contradictions;
