@@ -127,16 +127,18 @@ class WindowedRecord:
     def sample_noise(self) -> Array:
         """Standard deviation of each sampled value (S, M). A channel that repeats a value in a window counts it once;
         the part that the clock causes follows the speed."""
-        told = []
+        repetitions = []
         for rows in self.sampled_rows:
-            seen = self.measured[self.rows[rows]]
-            told.append(np.broadcast_to(np.sqrt(len(rows) / (1 + (np.diff(seen, axis=0) != 0).sum(0))), seen.shape))
+            values = self.measured[self.rows[rows]]
+            repetitions.append(
+                np.broadcast_to(np.sqrt(len(rows) / (1 + (np.diff(values, axis=0) != 0).sum(0))), values.shape)
+            )
         if not self.log.time_uncertainty:
-            return np.concatenate(told) * self.noise
+            return np.concatenate(repetitions) * self.noise
         rows = self.rows[np.concatenate(self.sampled_rows)]
         moved = self.clock_noise[rows]
         sensor = np.sqrt(np.maximum(self.noise**2 - np.mean(self.clock_noise[self.visible_rows] ** 2, axis=0), 0.0))
-        return np.hypot(np.concatenate(told) * sensor, moved)
+        return np.hypot(np.concatenate(repetitions) * sensor, moved)
 
     @cached_property
     def joints_without_command(self) -> tuple[int, ...]:

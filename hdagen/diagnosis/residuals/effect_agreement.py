@@ -43,11 +43,11 @@ class Agreement:
 
         """
         shown = f"Of what the points show{beyond and f' beyond {beyond}'}"
-        said = f"{shown} the effect explains {100 * self.explained_share:.0f} % (R² = {self.explained_share:.2f})."
+        sentence = f"{shown} the effect explains {100 * self.explained_share:.0f} % (R² = {self.explained_share:.2f})."
         if not self.is_contradicted:
-            return said
+            return sentence
         return (
-            f"{said} Warning: the log shows {self.slope:.2g} times what the effect adds. As fitted it is not what "
+            f"{sentence} Warning: the log shows {self.slope:.2g} times what the effect adds. As fitted it is not what "
             "this picture shows: something else may be at work, beside it or in its place."
         )
 
