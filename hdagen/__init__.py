@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hdagen.api.log_replay import replay
     from hdagen.api.motion_design import excite
     from hdagen.api.robot_adoption import adopt
+    from hdagen.api.robot_export import export
     from hdagen.api.robot_loading import load_robot
     from hdagen.arm.arm_parameters import Parameter
     from hdagen.arm.build_loader import PlantError
@@ -74,6 +75,7 @@ __all__ = [
     "compare",
     "diagnose",
     "excite",
+    "export",
     "load_robot",
     "read_diagnosis",
     "read_log",
@@ -89,6 +91,7 @@ _HOMES = {
     "api.log_replay": ("replay",),
     "api.motion_design": ("excite",),
     "api.robot_adoption": ("adopt",),
+    "api.robot_export": ("export",),
     "api.robot_loading": ("load_robot",),
     "arm.arm_parameters": ("Parameter",),
     "arm.build_loader": ("PlantError",),

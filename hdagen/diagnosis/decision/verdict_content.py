@@ -14,6 +14,7 @@ from hdagen.adoption import verdict
 from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.identifiability import Identifiability
 from hdagen.diagnosis.decision.posterior import Decision
@@ -67,6 +68,7 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "parameters": estimate_base_parameters(best),
         "undetectable": [name for name in unseen if name not in decision.verdict],
+        "tried": sorted(place),
         "method": {
             "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
             "uncalibrated_probability": decision.uncalibrated_probability,
@@ -110,9 +112,13 @@ def _list_parameters(name: str, decision: Decision) -> dict[str, Any]:
         return estimate_parameters(
             fit, next(k for k in fit.effects if fit.sensitivities.candidates.members[k].name == name)
         )
-    described = decision.best.sensitivities.shooting.arm.parameters.described
-    read_off = decision.direct_evidence[name].items()
-    return {key: {"value": value, "std": None, "unit": described[key].unit, "end": None} for key, value in read_off}
+    arm = decision.best.sensitivities.shooting.arm
+    described = arm.parameters.described
+    return {
+        key: {"value": value, "std": None, "unit": described[key].unit, "end": None}
+        | {"file": _find_file_number(arm, described[key])}
+        for key, value in decision.direct_evidence[name].items()
+    }
 
 
 def _describe_cause(
@@ -282,10 +288,19 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
 
 
 def _describe_estimate(fit: Fit, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
-    """Value, std and unit of a parameter; ``end`` is the end of its range that it stands at, if it does."""
+    """Value, std and unit of a parameter, and the robot file's number; ``end``: of its range, that it stands at."""
     value, ends = float(fit.sensitivities.point.p[place]), {"low": parameter.low, "high": parameter.high}
     least = {name: DECISION.bound_tolerance * max(abs(end), abs(parameter.nominal)) for name, end in ends.items()}
     end = next((name for name in ends if abs(value - ends[name]) <= least[name]), None)
     if value == parameter.nominal:
         end = None
-    return {"value": value, "std": std, "unit": parameter.unit, "end": end}
+    file = _find_file_number(fit.sensitivities.shooting.arm, parameter)
+    return {"value": value, "std": std, "unit": parameter.unit, "end": end, "file": file}
+
+
+def _find_file_number(arm: Arm, parameter: Parameter) -> float | None:
+    """The robot file's number of a parameter; None of an effect that the file does not have."""
+    stated = {(effect["name"], effect["joint"]) for effect in arm.robot["effects"]}
+    if parameter.role == "base" or (parameter.effect, parameter.joint) in stated:
+        return parameter.nominal
+    return None

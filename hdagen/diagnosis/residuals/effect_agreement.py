@@ -42,12 +42,12 @@ class Agreement:
             A sentence, and a warning where the log contradicts the effect.
 
         """
-        shown = f"Of what the points show{beyond and f' beyond {beyond}'}"
-        sentence = f"{shown} the effect explains {100 * self.explained_share:.0f} % (R² = {self.explained_share:.2f})."
+        shown = f"Of what the log shows{beyond and f' beyond {beyond}'}"
+        said = f"{shown} the effect explains {100 * self.explained_share:.0f} % (R² = {self.explained_share:.2f})."
         if not self.is_contradicted:
-            return sentence
+            return said
         return (
-            f"{sentence} Warning: the log shows {self.slope:.2g} times what the effect adds. As fitted it is not what "
+            f"{said} Warning: the log shows {self.slope:.2g} times what the effect adds. As fitted it is not what "
             "this picture shows: something else may be at work, beside it or in its place."
         )
 
