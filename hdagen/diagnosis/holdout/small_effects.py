@@ -46,18 +46,20 @@ def drop_small_effects(
     """
     small: list[dict[str, Any]] = []
     while len(decision.verdict) > 1 and not decision.is_unknown and not decision.direct_evidence:
-        told = measure(decision)
-        if told["after"] >= told["before"]:  # nothing of it stands
+        gap_with_all = measure(decision)
+        if gap_with_all["after"] >= gap_with_all["before"]:  # nothing of it stands
             break
         tried = [name for name in decision.verdict if name not in kept]
         lesser = {name: one for name in tried if (one := drop_effects(decision, fitted, name))}
         left = {name: measure(one) for name, one in lesser.items()}
-        little = [name for name, gap in left.items() if is_gap_alike(told, gap)]
+        little = [name for name, gap in left.items() if is_gap_alike(gap_with_all, gap)]
         if not little:
             break
         name = max(little, key=lambda one: lesser[one].best.evidence_here)
         effect, _, joint = name.partition("@")
-        small.append({"effect": effect, "joint": int(joint), "with": told["after"], "without": left[name]["after"]})
+        small.append(
+            {"effect": effect, "joint": int(joint), "with": gap_with_all["after"], "without": left[name]["after"]}
+        )
         decision = lesser[name]
     return decision, small
 
