@@ -250,8 +250,8 @@ def say_effect(entry: str, content: Mapping[str, Any], *, with_sizes: bool = Tru
     """
     joints = content.get("joints", ())
     effect, _, joint = entry.partition("@")
-    causes = content["causes"]
-    cause = next((one for one in causes if (one["effect"], str(one["joint"])) == (effect, joint)), {"parameters": {}})
+    causes: list[Mapping[str, Any]] = [*content["causes"], {"effect": effect, "joint": joint, "parameters": {}}]
+    cause = next(one for one in causes if (one["effect"], str(one["joint"])) == (effect, joint))
     sizes, name = list_sizes(cause), name_effect(entry, joints)
     numbers = _say_sizes(sizes) if with_sizes else ""
     if len(sizes) != 1 or sizes[0].ratio is None:
