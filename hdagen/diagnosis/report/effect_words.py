@@ -176,6 +176,27 @@ def format_values(values: Sequence[float], unit: str, digits: int = VALUE_DIGITS
     return [format_number(float(f"{v * scaled.factor:.{digits}g}"), digits) for v in values], scaled.unit
 
 
+def format_change(before: float, after: float, unit: str, between: str = " → ") -> str:
+    """Format two values of one quantity: with one prefix of their unit where both are readable so, else each its own.
+
+    Args:
+        before: The first value.
+        after: The second value.
+        unit: Of both, without a prefix.
+        between: What stands between them.
+
+    Returns:
+        The text.
+
+    """
+    sizes = sorted((abs(before), abs(after)))
+    if 0 < sizes[0] * LARGEST_NUMBER < sizes[1]:
+        each = [format_values([value], unit) for value in (before, after)]
+        return between.join(f"{texts[0]} {written}".rstrip() for texts, written in each)
+    (first, second), written = format_values([before, after], unit)
+    return f"{first}{between}{second} {written}".rstrip()
+
+
 def format_estimate(change: SizeChange) -> tuple[str, str, str, str]:
     """Format a number of the file, its estimate, and their unit, to digits that its standard deviation bears.
 
