@@ -171,7 +171,7 @@ def build_robot(
         raise BuildError(f"{source}: the file changed while it was read; build again.")
     try:
         out.mkdir(mode=0o755, parents=True, exist_ok=True)
-        with _lock_folder(out / ".lock"):
+        with lock_folder(out / ".lock"):
             if is_intact(folder, name):  # another process made it meanwhile
                 return folder, False
             print(f"building {made.graphs.model.robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
@@ -362,8 +362,16 @@ def _sync_to_disk(path: Path) -> None:
 
 
 @contextmanager
-def _lock_folder(path: Path) -> Iterator[None]:
-    """One build at a time in a folder; the lock ends with the process that holds it."""
+def lock_folder(path: Path) -> Iterator[None]:
+    """Let one process at a time write in a folder of builds; the lock ends with the process that holds it.
+
+    Args:
+        path: The lock's file.
+
+    Yields:
+        Nothing, while the lock is held.
+
+    """
     handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)

@@ -49,6 +49,7 @@ OPTIONAL = {  # keys that a document may lack, each with its table
     ("diagnosis", "tried"),
     ("estimate", "prior"),
     ("estimate", "file"),
+    ("estimate", "conditional_std"),
     ("channel_gap", "unit"),
 }
 
@@ -103,6 +104,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("std", _or_null(MULTIPLE), "standard deviation; null for a shape and for a value without a fit"),
         ("unit", TEXT, "unit"),
         ("end", {"enum": ["low", "high", None]}, "the end of its range that the fit reached"),
+        ("conditional_std", MULTIPLE, "standard deviation while all other parameters are held, where the fit has one"),
         ("prior", MULTIPLE, "standard deviation before the log, where it is not that of the robot file"),
         ("file", _or_null(NUMBER), "the robot file's number; null of an effect that it does not have"),
     ),

@@ -7,6 +7,7 @@ const everyLinked = (self, action) => { // self and all figures of its link
 };
 starts.dots = starts.table = (figure, data) => {
   tools(figure, () => data.rows);
+  if (data.searchable) searchTable(figure, data.rows.slice(1));
   return { figure };
 };
 for (const block of document.querySelectorAll(".command pre")) {

@@ -22,6 +22,7 @@ SCRIPT_FILES = (
     "heat.js",
     "animation.js",
     "time_chart.js",
+    "table.js",
     "page.js",
 )  # the last starts all
 

@@ -21,10 +21,10 @@ import pytest
 from hostile_names import NAME, check_escaped
 
 from hdagen.arm.build_loader import PlantError
+from hdagen.arm.compiled_arm import load
 from hdagen.cli import demo as demo_command
 from hdagen.demo import demo_page, demo_runs, shipped_logs
 from hdagen.log import measured_log
-from hdagen.pages import page
 
 ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "hdagen" / "data" / "mujoco_log.parquet"
@@ -170,7 +170,7 @@ def test_emps_is_replayed_where_its_data_are(builds: Path, data_dir: Path, monke
     folder = shipped_logs.find_data_folder()
     if folder is None:
         pytest.skip(f"no EMPS: {data_dir} has no {shipped_logs.EMPS_FILE}")
-    replayed = shipped_logs.replay_emps_log(demo_runs.load("emps"), folder)
+    replayed = shipped_logs.replay_emps_log(load("emps"), folder)
     assert replayed.is_measured
     assert [channel.unit for channel in replayed.joints] == ["m"]
     assert replayed.joints[0].rms_residual < 0.25e-3  # m, issue's figure for identification
@@ -283,7 +283,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
         (demo_runs, "estimate_torques"),
         (demo_runs, "replay_shipped_log"),
         (demo_page, "format_demo_verdict"),
-        (page.os, "replace"),
+        (os, "replace"),
     ],
 )
 def test_an_interrupt_leaves_nothing_half_written(

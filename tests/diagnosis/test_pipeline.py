@@ -50,7 +50,7 @@ RESULTS = (
 @pytest.mark.parametrize("result", RESULTS, ids=lambda one: one.__name__)
 def test_a_result_is_frozen_and_explains_its_attributes(result: Any) -> None:
     assert result.__dataclass_params__.frozen
-    explained = re.findall(r"^    (\w+): ", inspect.getdoc(result).partition("Attributes:")[2], re.MULTILINE)
+    explained = re.findall(r"^    (\w+): ", (inspect.getdoc(result) or "").partition("Attributes:")[2], re.MULTILINE)
     assert explained == [field.name for field in dataclasses.fields(result)]
 
 

@@ -155,7 +155,10 @@ def test_a_minute_of_two_joints_stays_below_five_megabytes() -> None:
     ]
     figs += [
         figure.draw_plane(
-            "path", [figure.Curve("tip", *(tip.T + 1e-3 * noise[:2]), time=time)], x_label="x", y_label="y"
+            "path",
+            [figure.Curve("tip", tip[:, 0] + 1e-3 * noise[0], tip[:, 1] + 1e-3 * noise[1], time=time)],
+            x_label="x",
+            y_label="y",
         )
     ]
     text = page.render_page("t", "v", [page.Section("s", "", figs)], "r")
@@ -239,7 +242,7 @@ def test_thinning_keeps_every_extreme_and_every_gap(values: list[float], stretch
 def test_a_single_spike_survives_thinning_and_drawing() -> None:
     y = np.zeros(60_000)
     y[31_234] = 1.0
-    time = np.arange(y.size) * 1e-3
+    time = np.arange(y.size).astype(float) * 1e-3
     rows = choose_rows(time, [y, y, y], 3000)
     assert 31_234 in rows and 2000 < rows.size <= 3010
     drawn = figure.draw_lines("a", time, [figure.Series("", y)], y_label="a")

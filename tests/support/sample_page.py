@@ -55,7 +55,7 @@ def figures(word: Callable[[str], str]) -> list[str]:
         figure.draw_planes(
             word("paths"),
             [
-                figure.Plane([curve(word("tip"), *TIP.T, time=TIME)], marks=[(0.4, 0.15, word("start"))]),
+                figure.Plane([curve(word("tip"), TIP[:, 0], TIP[:, 1], time=TIME)], marks=[(0.4, 0.15, word("start"))]),
                 figure.Plane([curve(word("tip"), *(TIP.T + 0.001))], heading=word("second")),
             ],
             x_label=word("x (m)"),

@@ -331,7 +331,7 @@ def test_samples_that_are_fewer_than_what_is_fitted_tell_nothing() -> None:
     """Each in a bin of its own would be explained in full, and so would three by a sine, a cosine and a mean."""
     rng = np.random.default_rng(5)
     for count in (2, 3, 8):
-        values, angle = rng.standard_normal(count), 7.0 * np.arange(count)
+        values, angle = rng.standard_normal(count), 7.0 * np.arange(count).astype(float)
         assert explain_variance(values, [Regressor("x", "1", angle)]) == []
         assert explain_by_orders(values, angle, [1, 2]) == []
     shares = [
