@@ -148,8 +148,8 @@ def _say_gap(content: dict[str, Any]) -> str:
         said = "Base parameters within their tolerance take the gap on held-out motion"
     said += f" from {format_multiple(gap['before'])} to {format_multiple(gap['after'])} times the noise"
     if name:
-        (before, after), unit = format_channel_error(content, name)
-        said += f" ({name_channel(name, content.get('joints', ()))}: {before} to {after} {unit} rms)"
+        error = format_channel_error(content, name, " to ")
+        said += f" ({name_channel(name, content.get('joints', ()))}: {error} rms)"
     if gap["shrink"] is None:
         return said
     return f"{said}: {format_closed_share(gap)} of what lies above the noise is closed"

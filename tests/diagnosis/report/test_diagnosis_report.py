@@ -729,7 +729,11 @@ def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once()
         for name, p in likely.items()
     ]
     said = explain_confounding(EFFECTS, {"verdict": [], "contradicted": None, "causes": causes, "undetectable": []})
-    for name in ("Stribeck friction on joint 1 (0.20)", "presliding friction on joint 1 (0.10)", "payload on joint 2"):
+    for name in (
+        "Stribeck friction on joint 1 (0.20)",
+        "presliding friction on joint 1 (0.10)",
+        "payload on joint 2 (0.05)",
+    ):
         assert said.count(name) == 1
     assert said.count("Against payload on joint 2: ") == 1 and "contact" not in said
     for few in (causes[:1], causes[3:]):
