@@ -136,7 +136,7 @@ def _print_demo(console: Console, shown: DemoResult, out: Path) -> None:
             f"The bar is missed: {HIDDEN_EFFECT} must be found, and close {100 * LEAST_CLOSED:g} % of the gap."
         )
     if shown.leg.proof is None:
-        console.print(MUJOCO_MISSING, soft_wrap=True)
+        console.print(MUJOCO_MISSING, soft_wrap=True, markup=False)
     console.print(f"Open {out} in a browser. Your own robot: {OWN_ROBOT}", soft_wrap=True)
 
 

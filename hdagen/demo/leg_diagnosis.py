@@ -162,14 +162,15 @@ def summarize_leg(leg: LegDiagnosis) -> dict[str, Any]:
         Figures by name, SI, as JSON takes them.
 
     """
-    gap = leg.content["gap"]
-    proof = leg.proof
+    gap, proof = leg.content["gap"], leg.proof
+    named, further = leg.split_changes()
     return {
         "verdict": leg.content["verdict"],
         "sure": leg.content["sure"],
         "probability": leg.content["hypotheses"][0]["probability"],
         "gap": {key: gap[key] for key in ("before", "after", "shrink")},
-        "changes": {change.where: [change.before, change.after, change.unit] for change in leg.adopted.changes},
+        "changes": {change.where: [change.before, change.after, change.unit] for change in named},
+        "further_changes": len(further),
         "rms_error": {
             f"joint_position_{j}": [float(np.sqrt(np.mean((p - one.measured) ** 2))) for p in (one.before, one.after)]
             for j, one in enumerate(leg.joints, 1)
