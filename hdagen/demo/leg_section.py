@@ -161,7 +161,8 @@ def _build_after_section(leg: LegDiagnosis) -> page.Section:
     )
     named, further = leg.split_changes()
     changed = "\n".join(
-        f"    {change.where}: {_format_number(change.before)} -> {change.after:.4g} {change.unit}" for change in named
+        f"    {change.where}\n        {_format_number(change.before)} -> {change.after:.4g} {change.unit}"
+        for change in named
     )
     text = (
         "hdagen adopt writes the verdict into the robot file; comments and all else stay. The verdict's number:"
