@@ -18,6 +18,7 @@ EXAMPLES = """examples:
   python -m gen check my_arm.toml"""
 
 
+NO_COMPILER = 6  # exit code: a build is wanted and no C compiler works
 TRACEBACK_VARIABLE = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
 
 
@@ -29,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     Returns:
         Exit code: 0 done; 2 a robot, an option, a compiler or a place to write that cannot be used; 4 an error that
-        was not foreseen; 130 interrupted; 141 nobody reads the output.
+        was not foreseen; 6 there is no C compiler; 130 interrupted; 141 nobody reads the output.
 
     """
     try:
@@ -120,7 +121,7 @@ def _make_parser() -> argparse.ArgumentParser:
 def _run_command(options: argparse.Namespace) -> int:
     """Run a command; problems that it foresees go to standard error."""
     from gen.builder.build import BuildError
-    from gen.builder.compiler import CompileError
+    from gen.builder.compiler import CompileError, MissingCompilerError
     from gen.mpc.problem_structure import StructureError
     from gen.robot.description import RobotError
 
@@ -140,7 +141,7 @@ def _run_command(options: argparse.Namespace) -> int:
         return 2
     except (BuildError, CompileError, StructureError) as error:
         print("\n".join(escape_control_characters(line) for line in str(error).split("\n")), file=sys.stderr)
-        return 2
+        return NO_COMPILER if isinstance(error, MissingCompilerError) else 2
 
 
 def _time_functions(options: argparse.Namespace) -> int:

@@ -22,6 +22,7 @@ import numpy as np
 from gen.c_code.headers import MOST_STEP_PARTS, slide_velocities
 from gen.model.arm_model import Model
 from gen.model.right_hand_side import Graphs
+from gen.robot.schema import keys_of
 
 LARGEST_STABLE_MODE = 2.78  # h |λ| of modes
 LARGEST_SMOOTH_FRICTION = 1.0  # h |λ| of smooth friction
@@ -86,6 +87,8 @@ class StepExamination:
     def find_remedy(self) -> tuple[float, tuple[float, ...]]:
         """Find a step and widths of smooth friction that carry the model.
 
+        Where friction asks for a wider smoothing than a robot file may state, the step becomes smaller, too.
+
         Returns:
             The step, s, and the widths, rad/s; unchanged where they carry the model already.
 
@@ -97,8 +100,13 @@ class StepExamination:
         if smallest * self.friction_rate <= LARGEST_SMOOTH_FRICTION:
             return step, self.width
         shares = [max(smallest * rate / LARGEST_SMOOTH_FRICTION, 1.0) for rate in self.friction]
+        widest = keys_of("joint.drive")["friction_smoothing"].range.high
+        lack = max(width * share / widest for width, share in zip(self.width, shares, strict=True))
+        if lack > 1:
+            step = float(_round_to_three_digits(step / lack, math.floor))
+            shares = [max(share / lack, 1.0) for share in shares]
         widths = zip(self.width, shares, strict=True)
-        return step, tuple(self._widen_smoothing(width, share) for width, share in widths)
+        return step, tuple(min(self._widen_smoothing(width, share), widest) for width, share in widths)
 
     @staticmethod
     def _widen_smoothing(width: float, share: float) -> float:

@@ -10,10 +10,11 @@ from gen.model.harmonic_drive import SPRING_SPREAD
 from gen.robot import typical_loads
 from gen.robot.description import Robot, Value
 from gen.robot.gear_catalogue import SPRING_KEYS
-from gen.robot.model_parameters import ParameterValue, list_parameters
+from gen.robot.model_parameters import AXES, ParameterValue, list_parameters
 from gen.robot.schema import keys_of
 
 TIP_FORCE = 100.0  # N, along each axis, up to which the model is meant to be used
+TIP_MOMENT = 20.0  # N m, the same
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def list_states(robot: Robot, effect_states: Sequence[tuple[State, int]]) -> tup
 
 
 def list_inputs(robot: Robot) -> tuple[Slot, ...]:
-    """List the entries of u: the current (or torque) of each motor, then the force on the tip.
+    """List the entries of u: the current (or torque) of each motor, then the force on the tip, in space its moment.
 
     Args:
         robot: The robot description.
@@ -97,7 +98,11 @@ def list_inputs(robot: Robot) -> tuple[Slot, ...]:
         if joint.drive.torque_constant is None:
             name, unit = "motor_torque", "N m"
         slots.append(Slot(f"{name}_{j}", unit, typical_loads.largest_input(robot, j)))
-    return (*slots, Slot("tip_force_x", "N", TIP_FORCE), Slot("tip_force_y", "N", TIP_FORCE))
+    axes = AXES[: len(robot.gravity)]
+    slots += [Slot(f"tip_force_{axis}", "N", TIP_FORCE) for axis in axes]
+    if robot.in_space:
+        slots += [Slot(f"tip_moment_{axis}", "N m", TIP_MOMENT) for axis in axes]
+    return tuple(slots)
 
 
 # -- parameters -------------------------------------------------------------------------------------------------------

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gen.robot.description import Drive, Joint, Robot, Value
+from gen.robot.description import Joint, Robot, SpatialLink, Value
 from gen.robot.schema import Key, keys_of, unit_at
 
 LINK_KEYS = ("length", "mass", "center_of_mass", "inertia")
+AXES = ("x", "y", "z")
+SPACE_ENTRIES = {"center_of_mass": AXES, "inertia": ("xx", "yy", "zz", "xy", "xz", "yz")}  # of a link in space
 DRIVE_KEYS = (
     "ratio",
     "motor_inertia",
@@ -55,25 +58,48 @@ def list_parameters(robot: Robot) -> tuple[ParameterValue, ...]:
 
     Returns:
         Gravity, then joint after joint the link's and the drive's parameters in the order of `LINK_KEYS` and
-        `DRIVE_KEYS`.
+        `DRIVE_KEYS`. A link in space has ten: mass, and the entries of `SPACE_ENTRIES`.
 
     """
     gravity = keys_of("")["gravity"]
     values = [
         _make_parameter(f"gravity_{axis}", gravity, "revolute", v, 0)
-        for axis, v in zip("xy", robot.gravity, strict=True)
+        for axis, v in zip(AXES, robot.gravity, strict=False)
     ]
     for number, joint in enumerate(robot.joints, 1):
-        for table, names, part in (("joint", LINK_KEYS, joint), ("joint.drive", DRIVE_KEYS, joint.drive)):
-            values += _stated_parameters(table, names, part, joint.kind, number)
+        if isinstance(joint.link, SpatialLink):
+            values += _space_parameters(joint, joint.link, number)
+        else:
+            known = {**vars(joint.link), "mass": joint.mass}
+            values += _stated_parameters("joint", LINK_KEYS, known, joint.kind, number)
+        values += _stated_parameters("joint.drive", DRIVE_KEYS, vars(joint.drive), joint.kind, number)
     return tuple(values)
 
 
 def _stated_parameters(
-    table: str, names: tuple[str, ...], part: Joint | Drive, kind: str, number: int
+    table: str, names: tuple[str, ...], values: Mapping[str, Value | None], kind: str, number: int
 ) -> list[ParameterValue]:
-    stated = ((keys_of(table)[name], getattr(part, name)) for name in names)
+    stated = ((keys_of(table)[name], values[name]) for name in names)
     return [_make_parameter(f"{key.name}_{number}", key, kind, v, number) for key, v in stated if v is not None]
+
+
+def _space_parameters(joint: Joint, link: SpatialLink, number: int) -> list[ParameterValue]:
+    """Mass, centre of mass and inertia of a link in space, whose entries may be of either sign or 0."""
+    keys = keys_of("joint in space")
+    found = [_make_parameter(f"mass_{number}", keys["mass"], joint.kind, joint.mass, number)]
+    largest = max(value.nominal for value in link.inertia)
+    for name, entries in SPACE_ENTRIES.items():
+        key, values = keys[name], getattr(link, name)
+        for entry, value in zip(entries, values, strict=True):
+            if name == "inertia" and entry[0] == entry[1]:
+                low, high = value.nominal / 3, value.nominal * 3
+            else:
+                width = max(2 * abs(value.nominal), largest if name == "inertia" else key.zero_width)
+                low, high = value.nominal - width, value.nominal + width
+            meaning = f"{key.meaning.partition(':')[0]}, {entry}"
+            own = (key.unit, value.nominal, low, high, value.tolerance, meaning, number)
+            found.append(ParameterValue(f"{name}_{entry}_{number}", *own))
+    return found
 
 
 def _make_parameter(name: str, key: Key, kind: str, value: Value, joint: int) -> ParameterValue:

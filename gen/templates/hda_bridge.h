@@ -67,9 +67,9 @@ static void bridge_loops_tick(void *const *a) {
         {"x0", 'd', HDA_NX, 0}, {"gains", 'd', HDA_LOOPS_WIDEST * HDA_GAINS_MOST, 0}, \
         {"settings", 'd', HDA_LOOPS_SETTINGS, 0}, {"c", 'd', HDA_NC, 0}, {"status", 'i', 1, 1}}}, \
     {"loops_tick", 9, bridge_loops_tick, {{"loops", 'B', sizeof(hda_loops), 1}, \
-        {"reference", 'd', HDA_REFERENCE_MOST, 0}, {"push", 'd', 2, 0}, {"felt", 'd', 2, 0}, \
+        {"reference", 'd', HDA_REFERENCE_MOST, 0}, {"push", 'd', HDA_WRENCH, 0}, {"felt", 'd', HDA_WRENCH, 0}, \
         {"noise", 'd', 2 * HDA_N, 0}, {"c", 'd', HDA_NC, 0}, {"known", 'd', HDA_NC, 0}, \
-        {"tip", 'd', HDA_LOOPS_WIDEST * 2, 1}, {"sent", 'd', HDA_LOOPS_WIDEST * HDA_N, 1}}}, \
+        {"tip", 'd', HDA_LOOPS_WIDEST * HDA_TIP, 1}, {"sent", 'd', HDA_LOOPS_WIDEST * HDA_N, 1}}}, \
     {"input_reset", 3, bridge_input_reset, {{"state", 'B', sizeof(hda_input_state), 1}, {"before", 'd', HDA_N, 0}, \
         {"c", 'd', HDA_NC, 0}}}, \
     {"input_step", 6, bridge_input_step, {{"state", 'B', sizeof(hda_input_state), 1}, {"command", 'd', HDA_N, 0}, \

@@ -123,7 +123,7 @@ def _read_effects(
             problems.append(f"{source}, verdict: {entry} stands there twice; diagnose again.")
         elif match[1] == "unknown":
             unknown.append(int(match[2]))
-        elif not causes.get((match[1], int(match[2]))):
+        elif causes.get((match[1], int(match[2]))) is None:
             problems.append(f"{source}, causes: {entry} is in the verdict and has no parameters here; diagnose again.")
         else:
             name, joint, suffix = match[1], int(match[2]), f"_{match[2]}"
@@ -190,6 +190,11 @@ def apply_verdict(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
             "of another version."
         )
     notes = [f"unknown@{joint} has no equation: nothing is added for it." for joint in verdict.unexplained_joints]
+    notes += [
+        f"{effect.name}@{effect.joint} has no numbers in the diagnosis, as no fit has it: nothing is added for it."
+        for effect in verdict.effects
+        if not effect.parameters
+    ]
     values = find_rigid_compliances(arm, stated) | stated
     for name, value in verdict.base_parameters.items():
         q = described[name]

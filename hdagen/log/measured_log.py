@@ -13,7 +13,7 @@ from hdagen.log import column_map_file, data_table
 from hdagen.log.column_map import ColumnMap, ColumnsError, ColumnSource, MappedColumns, split_column_name
 from hdagen.log.csv_file import read_csv
 from hdagen.log.data_table import LogError, Table
-from hdagen.log.log_checks import (
+from hdagen.log.log_requirements import (
     POSITION_CHANNELS,
     count_joints,
     find_column_problems,

@@ -47,7 +47,7 @@ def write_document(name: str, numbers: RobotNumbers, step: float) -> str:
     lines = [
         f"<mujoco model={quoteattr(name)}>",
         '  <compiler angle="radian" autolimits="true"/>',
-        f'  <option timestep="{write_number(step)}" integrator="implicitfast" gravity="{gravity} 0"/>',
+        f'  <option timestep="{write_number(step)}" integrator="RK4" gravity="{gravity} 0"/>',
         "  <default>",
         f'    <joint solreffriction="{write_number(FRICTION_STEPS * step)} 1" solimpfriction="{FRICTION_IMPEDANCE}"/>',
         '    <geom contype="0" conaffinity="0" group="1"/>',
@@ -66,12 +66,16 @@ def write_document(name: str, numbers: RobotNumbers, step: float) -> str:
     return "\n".join([*lines, "</mujoco>", ""])
 
 
-def write_delay_attributes(delay: float, step: float) -> str:
+def write_delay_attributes(delay: float, step: float, has_stages: bool = True) -> str:
     """Write the attributes of a delayed actuator or sensor.
+
+    A control between two samples is their weighted mean, which is the mean over a step of what arrives late. An
+    integrator with stages reads all over the step, half of it later on average.
 
     Args:
         delay: The delay, s.
         step: The integration step, s. MuJoCo delays by a step at least.
+        has_stages: Whether the integrator has stages within a step (RK4).
 
     Returns:
         The attributes, with a blank before; empty for a delay that is nearer to none than to a step.
@@ -79,11 +83,8 @@ def write_delay_attributes(delay: float, step: float) -> str:
     """
     if delay < 0.5 * step:
         return ""
-    steps = max(delay / step, 1.0)
-    count, order = round(steps), ""
-    if abs(steps - count) > 1e-6:  # part of a step: the mean of both commands over it
-        count, order = math.ceil(steps), ' interp="linear"'
-    return f' delay="{write_number(steps * step)}" nsample="{count}"{order}'
+    late = max(delay, step) + 0.5 * step * has_stages
+    return f' delay="{write_number(late)}" nsample="{math.ceil(late / step - 1e-6) + 1}" interp="linear"'
 
 
 def _write_bodies(numbers: RobotNumbers, j: int, indent: str) -> list[str]:
@@ -248,6 +249,6 @@ def _write_sensors(joint: JointNumbers, step: float) -> list[str]:
         source = f"<tendonpos name={quoteattr(f'{joint.name}_encoder')} tendon={tendon}"
     motor = f' noise="{write_number(joint.motor_encoder_noise)}"' if joint.motor_encoder_noise else ""
     return [
-        f"{source}{noise}{write_delay_attributes(joint.sensor_delay, step)}/>",
+        f"{source}{noise}{write_delay_attributes(joint.sensor_delay, step, False)}/>",
         f"<actuatorpos name={quoteattr(f'{joint.name}_motor_encoder')} actuator={quoteattr(joint.name)}{motor}/>",
     ]

@@ -111,8 +111,8 @@ def patch_model(path: Path, robot: CorrectedRobot, before: RobotNumbers, after: 
     written = tuple(change for change in changes if change.where not in patch.left_out)
     if changes and not written:
         raise PlantError(
-            f"{show_path(path)}: it can hold nothing of the verdict ({join_names(list(patch.left_out))}); export a whole "
-            "model, without --into."
+            f"{show_path(path)}: it can hold nothing of the verdict ({join_names(list(patch.left_out))}); export a "
+            "whole model, without --into."
         )
     return PatchedModel(text.to_bytes(), written, patch.left_out, patch.notes)
 
@@ -135,6 +135,7 @@ class _ModelPatch:
     def __init__(self, text: XmlText, model: Any) -> None:
         self.text, self.model = text, model
         self.step = float(model.opt.timestep)
+        self.has_stages = int(model.opt.integrator) == int(import_mujoco().mjtIntegrator.mjINT_RK4)
         self.left_out: dict[str, str] = {}
         self.notes: list[str] = []
 
@@ -165,9 +166,9 @@ class _ModelPatch:
             return  # a spring that is not there has no rest
         if found is not None and not math.isclose(found, stated, rel_tol=SAME_NUMBER, abs_tol=1e-9):
             raise PlantError(
-                f"{show_path(self.text.path)}: {key} of joint {joint.name!r:.60} is {found:.6g}, and the robot file has "
-                f"{stated:.6g}: the model has changed since the diagnosis, or is of another robot; name the one that "
-                "was diagnosed."
+                f"{show_path(self.text.path)}: {key} of joint {joint.name!r:.60} is {found:.6g}, and the robot file "
+                f"has {stated:.6g}: the model has changed since the diagnosis, or is of another robot; name the one "
+                "that was diagnosed."
             )
 
     def find_actuator(self, joint: JointNumbers) -> int | None:
@@ -275,7 +276,7 @@ class _ModelPatch:
 
     def _set_delay(self, element: XmlElement, joint: JointNumbers, delay: float, key: str) -> None:
         """State a delay, in steps of the model."""
-        attributes = write_delay_attributes(delay, self.step)
+        attributes = write_delay_attributes(delay, self.step, self.has_stages and key == "delay")
         if not attributes:
             self._leave_out_number(joint, key, f"it is shorter than half the model's timestep of {self.step:g} s")
             return

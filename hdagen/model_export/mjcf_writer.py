@@ -17,6 +17,8 @@ from hdagen.model_export.mujoco_proof import ProofLog, prove_in_mujoco
 from hdagen.model_export.number_changes import describe_left_out, list_number_changes
 from hdagen.support.atomic_write import open_atomically
 
+SPRING_STEP_SHARE = 0.25  # of the robot file's step, where joints have springs: MuJoCo's friction creeps two steps long
+
 
 def write(robot: CorrectedRobot, out: Path, into: Path | None = None, prove: ProofLog | None = None) -> Exported:
     """Write a robot as a MuJoCo model.
@@ -42,6 +44,8 @@ def write(robot: CorrectedRobot, out: Path, into: Path | None = None, prove: Pro
     changes, notes, unheld = list_number_changes(before, after), list(robot.notes), dict[str, str]()
     if into is None:
         name, step = robot.file.robot["name"], robot.corrected.stable_step
+        if any(joint.transmission for joint in after.joints):
+            step *= SPRING_STEP_SHARE
         text, old = write_document(name, after, step).encode(), write_document(name, before, step).encode()
     else:
         patched = patch_model(into, robot, before, after)

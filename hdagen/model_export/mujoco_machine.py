@@ -139,8 +139,8 @@ class MujocoMachine:
             servo = model.actuator_biasprm[k, 1:3].any() or model.actuator_gaintype[k] != 0
             if servo:
                 raise PlantError(
-                    f"{show_path(self.path)}: the actuator of joint {name!r:.60} is a servo, which takes no torque of a "
-                    "log; add a <motor> in its place."
+                    f"{show_path(self.path)}: the actuator of joint {name!r:.60} is a servo, which takes no torque "
+                    "of a log; add a <motor> in its place."
                 )
 
     def measure_gains(self) -> Array:

@@ -7,6 +7,7 @@ import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -89,9 +90,12 @@ def test_of_another_robot_there_are_times_and_no_bars(
 ) -> None:
     contest = {who: {"row": [3.0], "single": [1.0, 2.0, 3.0, 4.0]} for who in benchmark.CONTESTANTS}
     asked = []
-    monkeypatch.setattr(
-        benchmark, "_race_functions", lambda robot, rounds: asked.append(robot) or {"rhs": contest, "step": contest}
-    )
+
+    def race(robot: str, rounds: int) -> dict[str, Any]:
+        asked.append(robot)
+        return {"rhs": contest, "step": contest}
+
+    monkeypatch.setattr(benchmark, "_race_functions", race)
     monkeypatch.setenv("HDAGEN_BUILD", str(tmp_path))
     monkeypatch.setattr(benchmark, "ROLLOUT_STEPS", 50)
     found = benchmark.run_bench(1, lambda words: None, "emps")

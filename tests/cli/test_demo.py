@@ -21,12 +21,12 @@ import pytest
 from hostile_names import NAME, check_escaped
 
 from hdagen.arm.build_loader import PlantError
+from hdagen.arm.compiled_arm import load
 from hdagen.cli import demo as demo_command
 from hdagen.demo import demo_page, demo_runs, leg_diagnosis
 from hdagen.diagnosis import pipeline
 from hdagen.log import measured_log
 from hdagen.model_export.mujoco_machine import MUJOCO_MISSING
-from hdagen.pages import page
 from hdagen.prediction.window_replay import replay
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -279,7 +279,7 @@ def test_another_seed_makes_other_noise_and_the_same_motion(scripts: dict[str, M
 
 def test_nothing_but_the_knees_friction_is_hidden_in_the_legs_log(scripts: dict[str, ModuleType]) -> None:
     """Without it the model of the robot file follows MuJoCo."""
-    script, arm = scripts["leg_log"], demo_runs.load(DATA / "leg.toml")
+    script, arm = scripts["leg_log"], load(DATA / "leg.toml")
     columns = script.simulate(read_joints(script), knee_friction=1.0)
     columns = {column: np.ascontiguousarray(values) for column, values in columns.items()}
     log = measured_log.Log(columns.pop("time"), columns, 2, "the leg as its file says")
@@ -356,7 +356,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
 
 @pytest.mark.parametrize(
     ("module", "name"),
-    [(leg_diagnosis, "write_export"), (demo_page, "format_demo_verdict"), (page.os, "replace")],
+    [(leg_diagnosis, "write_export"), (demo_page, "format_demo_verdict"), (os, "replace")],
 )
 def test_an_interrupt_leaves_nothing_half_written(
     here: Path, shown: demo_runs.DemoResult, monkeypatch: pytest.MonkeyPatch, module: Any, name: str

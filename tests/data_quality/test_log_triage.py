@@ -563,8 +563,8 @@ def test_real_logs_raise_no_suspicion_and_a_reversed_one_does(data_dir: Path) ->
     for path in paths:
         assert triage(read(path, EXAMPLES / "dfki" / "columns.toml"), (6.0, 6.0)).refusals == (), path
     log = read(paths[-1], EXAMPLES / "dfki" / "columns.toml")
-    wrong = triage(reverse("motor_torque_command_2")(log), (6.0, 6.0))
-    assert ("reversed", 2) in {(f.name, f.joint) for f in wrong.findings if f.severity is Severity.REFUSE}
+    turned = triage(reverse("motor_torque_command_2")(log), (6.0, 6.0))
+    assert ("reversed", 2) in {(f.name, f.joint) for f in turned.findings if f.severity is Severity.REFUSE}
     degrees = triage(times(DEGREE, "joint_position_1")(log), (6.0, 6.0))
     assert ("degrees", 1) in {(f.name, f.joint) for f in degrees.findings if f.severity is Severity.REFUSE}
 

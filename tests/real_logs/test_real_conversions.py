@@ -192,7 +192,7 @@ def test_a_kinova_joint_is_replayed_within_a_hundredth(joint: int, gen3: dict[in
 def test_the_rows_that_the_kinova_never_wrote_are_cut(gen3: dict[int, Log], data_dir: Path) -> None:
     path = recorded(data_dir, "kinova_gen3_sedki/jointwise_motion/joint_5_trapez.csv")[0]
     logged = np.genfromtxt(path, delimiter=",", names=True)
-    assert max(np.nanmax(np.abs(logged[name])) for name in logged.dtype.names) > 1e100
+    assert max(np.nanmax(np.abs(logged[name])) for name in logged.dtype.names or ()) > 1e100
     assert len(logged) - 20 < len(gen3[5]) < len(logged)
     np.testing.assert_allclose(gen3[5]["motor_torque_1"], 5.852 * logged["Cur5"][: len(gen3[5])] / 100, rtol=1e-3)
 

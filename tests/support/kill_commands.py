@@ -21,6 +21,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pyarrow.parquet as pq
 import test_fleet
@@ -58,7 +59,7 @@ def prepare_diagnose(folder: Path) -> list[str]:
     held = LogPortion(log, mark_holdout_blocks(log.time))
     motion = HoldoutMotion(held, lambda _: before, before, before, before)
     found = SimpleNamespace(content=said, after=after, holdout=motion, residual_torque=sight, failures=())
-    diagnosed.diagnose = lambda *_: found
+    setattr(diagnosed, "diagnose", lambda *_: found)  # noqa: B010 - its type is another
     write(log, folder / "log.parquet")
     return ["diagnose", str(folder / "robot.toml"), str(folder / "log.parquet"), "--out", str(folder / "out")]
 
@@ -112,7 +113,8 @@ else:
 
 def prepare_blind(folder: Path) -> list[str]:
     (folder / "stand_in.py").write_text(BLIND.format(python=sys.executable))
-    blind.Check = partial(blind.Check, program=(sys.executable, str(folder / "stand_in.py")))
+    stand_in = (sys.executable, str(folder / "stand_in.py"))
+    setattr(blind, "Check", partial(blind.Check, program=stand_in))  # noqa: B010 - it is a class
     given = ["--kind", "none", "--cases", "2", "--seed", "of a test", "--jobs", "2", "--seconds", "4"]
     return ["blind", *given, "--out", str(folder / "out")]
 
@@ -199,6 +201,11 @@ def has_ended(child: int) -> bool:
     return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
+def has_parts_or_ended(out: Path, child: int) -> bool:
+    """Whether files are being written, or no longer."""
+    return bool(find_parts(out)) or has_ended(child)
+
+
 def begin_anew(out: Path) -> None:
     """Empty the folder into which the command writes."""
     shutil.rmtree(out)
@@ -211,7 +218,7 @@ def main(command: str, folder: Path, count: int, seed: int) -> dict[str, object]
     rng, out = random.Random(seed), folder / "out"
     arguments = PREPARE[command](folder)
     os.waitpid(started(arguments), 0)  # what it builds is there from now on
-    found: dict[str, object] = {"kills": 0, "left": 0, "broken": find_broken(out), "orphans": 0}
+    found: dict[str, Any] = {"kills": 0, "left": 0, "broken": find_broken(out), "orphans": 0}
     begin_anew(out)
     begun = time.monotonic()
     os.waitpid(started(arguments), 0)
@@ -221,7 +228,7 @@ def main(command: str, folder: Path, count: int, seed: int) -> dict[str, object]
             begin_anew(out)
         child = started(arguments)
         if kill % 2:  # every other one surely while files are written
-            await_true(lambda child=child: find_parts(out) or has_ended(child), took)
+            await_true(partial(has_parts_or_ended, out, child), took)
             time.sleep(rng.uniform(0.0, 2e-3))
         else:
             await_true(partial(has_ended, child), rng.uniform(0.0, took))

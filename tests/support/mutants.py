@@ -39,6 +39,7 @@ from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import read, write
 from hdagen.mpc.configuration import read_configuration
 from hdagen.prediction.closed_loop_replay import read_controller
+from hdagen.support.input_file import InputFileError
 
 SLOWEST = 20.0  # s
 MOST_MEMORY = 2 << 30  # bytes
@@ -181,7 +182,11 @@ def mats(folder: Path) -> dict[str, bytes]:
     """One log as .mat in several ways."""
     import scipy.io
 
-    ways = {"packed": {"do_compression": True}, "plain": {"do_compression": False}, "four": {"format": "4"}}
+    ways: dict[str, dict[str, Any]] = {
+        "packed": {"do_compression": True},
+        "plain": {"do_compression": False},
+        "four": {"format": "4"},
+    }
     for name, how in ways.items():
         scipy.io.savemat(folder / f"{name}.mat", motion(), **how)
     return {name: (folder / f"{name}.mat").read_bytes() for name in ways}
@@ -249,7 +254,7 @@ def told(folder: Path) -> object:
     """Table and page of a fleet of one machine whose diagnosis.json lies in ``folder``."""
     try:
         found = fleet_diagnosis._read_diagnosis(folder)
-    except (fleet_diagnosis.InputFileError, ValueError) as error:
+    except (InputFileError, ValueError) as error:
         raise PlantError(error) from None
     machine = fleet_file.FleetMachine("a", "paper", folder / "log.csv", None, None)
     results = [fleet_diagnosis.MachineResult(machine, fleet_diagnosis.Status.DIAGNOSED, diagnosis=found)]

@@ -13,6 +13,8 @@ import numpy as np
 from hdagen.adoption import verdict
 from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.arm_parameters import Parameter
+from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.identifiability import Identifiability
 from hdagen.diagnosis.decision.posterior import Decision
@@ -66,6 +68,7 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "parameters": estimate_base_parameters(best),
         "undetectable": [name for name in unseen if name not in decision.verdict],
+        "tried": sorted(place),
         "method": {
             "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
             "uncalibrated_probability": decision.uncalibrated_probability,
@@ -109,9 +112,13 @@ def _list_parameters(name: str, decision: Decision) -> dict[str, Any]:
         return estimate_parameters(
             fit, next(k for k in fit.effects if fit.sensitivities.candidates.members[k].name == name)
         )
-    described = decision.best.sensitivities.shooting.arm.parameters.described
-    read_off = decision.direct_evidence[name].items()
-    return {key: {"value": value, "std": None, "unit": described[key].unit, "end": None} for key, value in read_off}
+    arm = decision.best.sensitivities.shooting.arm
+    described = arm.parameters.described
+    return {
+        key: {"value": value, "std": None, "unit": described[key].unit, "end": None}
+        | {"file": _find_file_number(arm, described[key])}
+        for key, value in decision.direct_evidence[name].items()
+    }
 
 
 def _describe_cause(
@@ -149,13 +156,14 @@ def estimate_parameters(fit: Fit, atom: int) -> dict[str, Any]:
     words, described = fit.sensitivities.candidates, fit.sensitivities.shooting.arm.parameters.described
     columns, (mean, covariance) = words.columns, fit.posterior
     free, std = words.amplitude_columns((atom,)), np.sqrt(np.diagonal(covariance))
-    told = np.diagonal(np.linalg.inv(covariance / std / std[:, None]))  # 1 where no other parameter compensates
-    alone = (std / np.sqrt(np.maximum(told, 1.0)))[free]  # std, all others being held
+    alone = _compute_conditional_deviations(covariance)[free]
     spread = {columns[k].parameter: float(std[k]) * columns[k].unit for k in free}
     names = (*spread, *words.members[atom].shapes)
     found = {
         name: _describe_estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names
     }
+    for k, own in zip(free, alone, strict=True):
+        found[columns[k].parameter]["conditional_std"] = float(own) * columns[k].unit
     silent = [
         columns[k] for k, own in zip(free, alone, strict=True) if abs(mean[k]) < DECISION.present_from_deviations * own
     ]
@@ -163,6 +171,13 @@ def estimate_parameters(fit: Fit, atom: int) -> dict[str, Any]:
         for column in silent:
             found[column.parameter] |= {"value": column.center, "end": None}
     return found
+
+
+def _compute_conditional_deviations(covariance: Array) -> Array:
+    """Standard deviation (P) of each parameter while all others are held, from the covariance (P, P) of all."""
+    std = np.sqrt(np.diagonal(covariance))
+    inflation = np.diagonal(np.linalg.inv(covariance / std / std[:, None]))  # 1 where no other parameter compensates
+    return np.asarray(std / np.sqrt(np.maximum(inflation, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,6 +258,7 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
     """
     described, (_, covariance) = best.sensitivities.shooting.arm.parameters.described, best.posterior
     places = {name: k for k, name in enumerate(described)}
+    held = _compute_conditional_deviations(covariance)
     free = [(k, c) for k, c in enumerate(best.sensitivities.candidates.columns) if c.candidate not in best.effects]
     spread = {
         c.parameter: math.sqrt(covariance[k, k]) * c.unit
@@ -254,6 +270,9 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
         for _, c in free
         if c.in_every_hypothesis and described[c.parameter].tolerance > 0
     }
+    conditional = {c.parameter: float(held[k]) * c.unit for k, c in free}
+    for name, one in found.items():
+        one["conditional_std"] = conditional[name]
     for c in (c for _, c in free if c.parameter in spread):
         equivalent = described[c.parameter].equivalent
         if equivalent is None:
@@ -262,16 +281,26 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
         one = found.get(gravity.name) or _describe_estimate(best, gravity, places[gravity.name], 0.0)
         leaned = float(best.sensitivities.point.p[c.index]) - described[c.parameter].nominal
         one |= {"value": one["value"] + leaned, "std": math.hypot(one["std"], spread[c.parameter])}
+        one["conditional_std"] = min(one.get("conditional_std", math.inf), conditional[c.parameter])
         prior = gravity.tolerance * abs(gravity.nominal)
         found[gravity.name] = one | {"prior": math.hypot(prior, c.spike_width * c.unit)}
     return found
 
 
 def _describe_estimate(fit: Fit, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
-    """Value, std and unit of a parameter; ``end`` is the end of its range that it stands at, if it does."""
+    """Value, std and unit of a parameter, and the robot file's number; ``end``: of its range, that it stands at."""
     value, ends = float(fit.sensitivities.point.p[place]), {"low": parameter.low, "high": parameter.high}
     least = {name: DECISION.bound_tolerance * max(abs(end), abs(parameter.nominal)) for name, end in ends.items()}
     end = next((name for name in ends if abs(value - ends[name]) <= least[name]), None)
     if value == parameter.nominal:
         end = None
-    return {"value": value, "std": std, "unit": parameter.unit, "end": end}
+    file = _find_file_number(fit.sensitivities.shooting.arm, parameter)
+    return {"value": value, "std": std, "unit": parameter.unit, "end": end, "file": file}
+
+
+def _find_file_number(arm: Arm, parameter: Parameter) -> float | None:
+    """The robot file's number of a parameter; None of an effect that the file does not have."""
+    stated = {(effect["name"], effect["joint"]) for effect in arm.robot["effects"]}
+    if parameter.role == "base" or (parameter.effect, parameter.joint) in stated:
+        return parameter.nominal
+    return None
