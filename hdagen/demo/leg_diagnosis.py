@@ -24,7 +24,7 @@ from hdagen.diagnosis.pipeline import diagnose
 from hdagen.log.measured_log import Log, read
 from hdagen.model_export.corrected_robot import CorrectedRobot
 from hdagen.model_export.export_formats import Exported, write_export
-from hdagen.model_export.mujoco_machine import MUJOCO_MISSING, import_mujoco
+from hdagen.model_export.mujoco_machine import import_mujoco
 from hdagen.model_export.mujoco_proof import Proof, read_proof_log
 from hdagen.prediction.window_replay import REPLAY_WINDOW, replay
 
@@ -130,19 +130,22 @@ def diagnose_leg(profile: str, stage: Callable[[str], None]) -> LegDiagnosis:
         before, after = load(robot, profile), load(new, profile)
         joints = _replay_joints(before, after, log)
         exported, model = None, ""
-        try:
-            import_mujoco()
-        except PlantError:
-            stage(MUJOCO_MISSING)
-        else:
+        if _has_mujoco():
             stage("exporting to MuJoCo and proving it there")
             proof = read_proof_log(path, content)
-            corrected = CorrectedRobot(
-                robot, before, after, read_verdict(content), content, given_names=("hip", "knee")
-            )
+            stated = read_verdict(content)
+            corrected = CorrectedRobot(robot, before, after, stated, content, given_names=JOINT_LABELS)
             exported = write_export("mjcf", corrected, Path(folder) / "leg.xml", prove=proof)
             model = (Path(folder) / "leg.xml").read_text("utf-8")
     return LegDiagnosis(before, log, content, joints, adopted, exported, model)
+
+
+def _has_mujoco() -> bool:
+    try:
+        import_mujoco()
+    except PlantError:
+        return False
+    return True
 
 
 def _replay_joints(before: Arm, after: Arm, log: Log) -> tuple[ReplayedJoint, ...]:
