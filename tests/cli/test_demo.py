@@ -19,6 +19,7 @@ import chromium
 import numpy as np
 import pytest
 from hostile_names import NAME, check_escaped
+from kept_builds import find_builds
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import load
@@ -32,16 +33,11 @@ SCRIPT = ROOT / "docs" / "examples" / "mujoco_log" / "make_log.py"
 
 
 @pytest.fixture(scope="module")
-def builds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("build")
-
-
-@pytest.fixture(scope="module")
-def user(builds: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def user(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """What differs in the environment of a user who has the package and no measured logs."""
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     none = tmp_path_factory.mktemp("none")
-    return {"HDAGEN_BUILD": str(builds), "HDAGEN_DATA": str(none), "PYTHONPATH": path}
+    return {"HDAGEN_BUILD": str(find_builds()), "HDAGEN_DATA": str(none), "PYTHONPATH": path}
 
 
 @pytest.fixture(scope="module")
@@ -164,8 +160,7 @@ def test_the_shipped_log_is_replayed_with_a_small_gap_that_is_one(shown: demo_ru
         )  # no copy of itself, and under 1 % of the motion
 
 
-def test_emps_is_replayed_where_its_data_are(builds: Path, data_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HDAGEN_BUILD", str(builds))
+def test_emps_is_replayed_where_its_data_are(data_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HDAGEN_DATA", str(data_dir))
     folder = shipped_logs.find_data_folder()
     if folder is None:
