@@ -144,7 +144,7 @@ def is_machine_row(row: Mapping[str, Any]) -> bool:
     lists = (row["verdict"], row["repaired"], row["warnings"], row["causes"])
     return (
         isinstance(row.get("sure"), bool)
-        and isinstance(row.get("robot_name", ""), str | None)
+        and isinstance(row.get("robot_name", 0), str | None)
         and all(isinstance(one, list) for one in lists)
         and all(isinstance(word, str) for word in words)
         and all(isinstance(place, int) and place >= 0 for place in places)
