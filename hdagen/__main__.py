@@ -15,7 +15,7 @@ from hdagen.cli.completion import add_completion_option
 from hdagen.support.version import __version__
 
 COMMANDS = (
-    *("build", "check", "list", "describe", "doctor"),
+    *("build", "check", "list", "describe", "robot", "doctor"),
     *("demo", "simulate", "replay", "diagnose", "adopt", "excite", "mpc", "bench", "blind", "paper"),
 )
 DONE, BAR_MISSED, USAGE, UNUSABLE, UNFORESEEN_ERROR, INTERRUPTED, OUTPUT_CLOSED = 0, 1, 2, 3, 4, 130, 141
