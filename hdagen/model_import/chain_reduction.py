@@ -210,9 +210,9 @@ def reduce_tree(tree: Tree, request: ChainRequest, label: str) -> Chain:
     _tell_held_joints(work, chosen)
     links, frame = _collect_links(work, path, chosen, base_place, base_turn)
     turned, place = _clean(frame[0] @ tip_frame[1]), frame[1] + frame[0] @ tip_frame[0]
-    gravity = _turn_to_base(work, base, base_turn) @ tree.gravity
+    gravity = _clean(_turn_to_base(work, base, base_turn)) @ tree.gravity
     name = request.tip or tree.bodies[tip].name
-    return Chain(tuple(links), tree.bodies[base].name, name, place, turned, _clean(gravity), tuple(work.notes))
+    return Chain(tuple(links), tree.bodies[base].name, name, place, turned, gravity + 0.0, tuple(work.notes))
 
 
 def _skip_free_joint(work: _Reduction) -> int:
@@ -323,7 +323,10 @@ def _turn_about(axis: Array, angle: float) -> Array:
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
 
 
-def _clean(values: Array) -> Array:
-    """Entries as the model means them: 0 and ±1 where it rounds a right angle."""
-    whole = np.round(values)
-    return np.where(np.abs(values - whole) < RIGHT_ANGLE_ERROR, whole, values) + 0.0
+def _clean(rotation: Array) -> Array:
+    """A rotation as the model means it: 0 and ±1 where it rounds right angles, if a rotation is left."""
+    whole = np.round(rotation)
+    cleaned = np.where(np.abs(rotation - whole) < RIGHT_ANGLE_ERROR, whole, rotation) + 0.0
+    if np.abs(cleaned @ cleaned.T - np.eye(3)).max() < ROUNDING:
+        return cleaned
+    return rotation
