@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from hdagen.model_import.step_choice import choose_step
 from hdagen.support.messages import make_printable, show_value
 
 FORBIDDEN_LETTERS = re.compile(r"[^A-Za-z0-9_.-]")
+RISE_TIME = 0.01  # s, in which a drive reaches its largest torque
 SMOOTHING = 0.01  # rad/s (m/s): the robot file's own default at ratio 1
 
 
@@ -57,7 +59,7 @@ def _check_numbers(chain: Chain, file: ModelFile) -> None:
     """Refuse numbers that are not finite, and inertias that no body can have, at their link."""
     for link in chain.links:
         where = f"{file.label}, joint {link.joint.name}"
-        numbers = [link.origin, link.rotation, link.center, link.inertia, [link.mass, link.joint.armature]]
+        numbers: list[Any] = [link.origin, link.rotation, link.center, link.inertia, [link.mass, link.joint.armature]]
         if not np.isfinite(np.concatenate([np.ravel(part) for part in numbers])).all():
             raise ModelError(f"{where}: found NaN or infinity in its frame or body, possible are numbers; correct it.")
         moments = np.linalg.eigvalsh(link.inertia)
@@ -133,6 +135,7 @@ def _write_joint(file: ModelFile, link: ChainLink, width: float, used: dict[str,
         ("position", joint.range and _write_vector(joint.range), "range"),
         ("speed", joint.speed and repr(joint.speed), "<limit velocity>"),
         ("torque", joint.torque and repr(joint.torque), "<limit effort>" if file.is_urdf else "force range"),
+        ("motor_torque_rate", joint.torque and repr(joint.torque / RISE_TIME), "assumed: all of the torque in 10 ms"),
     ):
         if value:
             limits.append(_write_line(key, str(value), source))
