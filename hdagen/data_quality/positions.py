@@ -72,7 +72,8 @@ def find_jumps(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> lis
 def find_lost_rows(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find rows that were lost before they were numbered.
 
-    All moving positions go two or three times as far there as in the rows around, while time runs on evenly.
+    All moving positions go two or three times as far there as in the rows around, and farther than in either
+    neighbour, while time runs on evenly.
 
     Args:
         profile: of the log.
@@ -93,7 +94,10 @@ def find_lost_rows(profile: LogProfile, robot: RobotFacts, model: Arm | None) ->
         moves = np.diff(log[name])
         usual = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(moves, 3, mode="edge"), 7), axis=1)
         fast = (np.abs(usual) > 10 * channel.noise) & whole
-        ratios.append(np.where(fast, moves / np.where(fast, usual, 1.0), np.nan))
+        beside = np.pad(np.abs(moves), 1, mode="edge")
+        smooth = np.abs(moves) < CHANNEL_CHECK.lost_row_ratios[0] * np.maximum(beside[:-2], beside[2:])
+        ratio = np.where(fast, moves / np.where(fast, usual, 1.0), np.nan)
+        ratios.append(np.where(smooth & fast, 1.0, ratio))
     if not ratios:
         return []
     seen = np.isfinite(ratios).any(axis=0)

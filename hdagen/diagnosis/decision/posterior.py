@@ -107,6 +107,20 @@ def measure_effect_sizes(fit: Fit) -> dict[str, float]:
     return {words.members[k].name: float(size) * _measure_accumulated_share(k, fit) for k, size in whole.items()}
 
 
+def keep_present_effects(fit: Fit) -> tuple[str, ...]:
+    """Keep the effects of a fit that are large enough to count as present.
+
+    Args:
+        fit: with its effects.
+
+    Returns:
+        Their names, name@joint, sorted.
+
+    """
+    sizes = _relate_to_least_sizes(fit)
+    return tuple(name for name in fit.names if sizes[name] >= 1.0)
+
+
 def _relate_to_least_sizes(fit: Fit) -> dict[str, float]:
     """The same in multiples of the least size that counts as present."""
     words = fit.sensitivities.candidates

@@ -34,6 +34,7 @@ from hdagen.diagnosis.search.fit_ranking import (
 from hdagen.diagnosis.search.hypothesis_race import adopt_spike_scale, run_race, start_promising, start_with_one_more
 from hdagen.diagnosis.search.multistart import scan_sizes
 from hdagen.diagnosis.search.null_model import make_nominal_point
+from hdagen.diagnosis.search.ordinary_frictions import fit_ordinary_frictions
 from hdagen.diagnosis.search.ripple_order import add_ripple_orders
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.stages.stage import Stage, StageListener
@@ -91,7 +92,10 @@ def search_hypotheses(shooting: MultipleShooting, words: CandidateSet, on_stage:
     ]
     if regression:
         field += begin_sets(regression, at, none.posterior.s)
-    return SearchResult(words, tuple(run_races(at, words, field, on_stage)), tuple(screened))
+    fits = run_races(at, words, field, on_stage)
+    if regression:
+        fits = drop_columns(sort_by_evidence([*fits, *fit_ordinary_frictions(regression, at, words, fits)]))
+    return SearchResult(words, tuple(fits), tuple(screened))
 
 
 def _screen_candidates(at: Sensitivities) -> list[ScoredHypothesis]:
