@@ -15,7 +15,10 @@ from hdagen.arm.generator import run_generator
 from hdagen.arm.preset_files import find_preset_files
 
 OLDEST_PYTHON = (3, 11)
-OPTIONAL_PACKAGES = {"mujoco": ("blind", "`hdagen blind`"), "matplotlib": ("paper", "`hdagen paper`")}
+OPTIONAL_PACKAGES = {
+    "mujoco": ("mujoco", "a proof of `hdagen export` or `hdagen blind`"),
+    "matplotlib": ("paper", "`hdagen paper`"),
+}
 _REQUIREMENT_PATTERN = re.compile(r"([A-Za-z0-9._-]+)\s*\(?([^;)]*)\)?\s*(;.*)?")
 _BOUND_PATTERN = re.compile(r"(==|>=|<)\s*([0-9.]+)")
 

@@ -1,6 +1,6 @@
 // Channels over one time axis, drawn by uPlot: one cursor and one zoom for all of them.
 
-const CHART_HEIGHT = 96, FIRST_GAP = 6, LAST_AXIS = 26;
+const CHART_HEIGHT = 88, FIRST_GAP = 6, LAST_AXIS = 26;
 const unpackQuantized = ({ low, step, data }, factor = 1) => {
   const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
   const view = new DataView(bytes.buffer);
@@ -64,6 +64,7 @@ const startTimeChart = (figure, data) => {
       values: last ? numerals : (chart, splits) => splits.map(() => "") });
     const chart = new uPlot({
       width: Math.max(box.clientWidth, 120), height: CHART_HEIGHT + (last ? LAST_AXIS + 16 : FIRST_GAP),
+      padding: [6, 8, 0, 0],
       scales: { x: { time: false } },
       series: [{ label: "time", value: (_, value) => (value === null ? "" : `${fixed(value + data.start, 3)} s`) },
         ...labels.map(line)],

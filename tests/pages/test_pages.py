@@ -326,7 +326,8 @@ def test_colours_stand_out_and_stay_apart(which: int, background: str) -> None:
 
 
 def test_equal_axes_are_equal() -> None:
-    drawn = figure.draw_plane("a", [figure.Curve("", [0.0, 0.3], [0.0, 0.1])], x_label="x (m)", y_label="y (m)")
+    drawn = figure.draw_plane("a", [figure.Curve("", [0.0, 0.3], [0.0, 0.05])], x_label="x (m)", y_label="y (m)")
+    assert ">x (m)<" in drawn and ">y (m)<" in drawn  # one unit for both, though y alone would be in mm
     spans = [[float(v) for v in re.findall(rf'data-{axis}="(\S+) (\S+)"', drawn)[0]] for axis in "xy"]
     width, height = (float(v) for v in re.findall(r'class="area" width="([\d.]+)" height="([\d.]+)"', drawn)[0])
     assert (spans[0][1] - spans[0][0]) / width == pytest.approx((spans[1][1] - spans[1][0]) / height, rel=1e-4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hdagen.diagnosis.report.effect_words import CHANNEL_UNITS, format_values, name_channel
+from hdagen.diagnosis.report.effect_words import CHANNEL_UNITS, format_change, format_values, name_channel
 from hdagen.log.column_map import COLUMN_UNITS
 from hdagen.pages.number_table import draw_table
 from hdagen.pages.page import Section
@@ -57,7 +57,8 @@ def _describe_channel(name: str, one: dict[str, float], content: dict[str, Any])
     """A row of the table."""
     known = content["gap"]["by_channel"].get(name, {})
     quantity = name.rpartition("_")[0]
-    base = known.get("unit") or CHANNEL_UNITS.get(quantity) or next(iter(COLUMN_UNITS.get(quantity, {"": 1.0})))
+    units = COLUMN_UNITS.get(quantity) or COLUMN_UNITS.get(name) or {"": 1.0}
+    base = known.get("unit") or CHANNEL_UNITS.get(quantity) or next(iter(units))
     lag = content["data"].get("lags", {}).get(name)
     late = None if lag is None else _write_size(lag, "s")
     noise = one["noise"] if one["noise"] > LEAST_NOISE_SHARE * (one["high"] - one["low"]) else 0.0
@@ -89,12 +90,12 @@ def show_control(content: dict[str, Any]) -> list[Section]:
     if "refused" in control:
         return [Section(title, f"Not simulated: {control['refused']}")]
     tracking, force = control["tracking"], control["contact_force"]
-    (near, nearer), length = format_values([tracking["before"], tracking["after"]], "m")
-    (hard, harder), push = format_values([force["before"], force["after"]], "N")
+    distance = format_change(tracking["before"], tracking["after"], "m", " to ")
+    push = format_change(force["before"], force["after"], "N", " to ")
     text = (
         f"In simulation the machine is the model with the verdict, and the controller {control['law']} with its "
-        f"default gains knows the robot file, or the verdict. The tip's rms distance from its path goes from {near} to "
-        f"{nearer} {length}, the largest force at a stiff wall, 10 mm deep, from {hard} to {harder} {push}. A "
-        "disturbance observer makes up for much of what a model misses at the motors, so little may change here."
+        f"default gains knows the robot file, or the verdict. The tip's rms distance from its path goes from "
+        f"{distance}, the largest force at a stiff wall, 10 mm deep, from {push}. A disturbance "
+        "observer makes up for much of what a model misses at the motors, so little may change here."
     )
     return [Section(title, text)]

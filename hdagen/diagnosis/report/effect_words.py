@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hdagen.adoption.verdict import FACTOR
 from hdagen.pages.quantity import Quantity, format_fixed, format_number, scale_quantity
 
 JointNames = Sequence[str | None]
@@ -176,6 +177,27 @@ def format_values(values: Sequence[float], unit: str, digits: int = VALUE_DIGITS
     return [format_number(float(f"{v * scaled.factor:.{digits}g}"), digits) for v in values], scaled.unit
 
 
+def format_change(before: float, after: float, unit: str, between: str = " → ") -> str:
+    """Format two values of one quantity: with one prefix of their unit where both are readable so, else each its own.
+
+    Args:
+        before: The first value.
+        after: The second value.
+        unit: Of both, without a prefix.
+        between: What stands between them.
+
+    Returns:
+        The text.
+
+    """
+    sizes = sorted((abs(before), abs(after)))
+    if 0 < sizes[0] * LARGEST_NUMBER < sizes[1]:
+        each = [format_values([value], unit) for value in (before, after)]
+        return between.join(f"{texts[0]} {written}".rstrip() for texts, written in each)
+    (first, second), written = format_values([before, after], unit)
+    return f"{first}{between}{second} {written}".rstrip()
+
+
 def format_estimate(change: SizeChange) -> tuple[str, str, str, str]:
     """Format a number of the file, its estimate, and their unit, to digits that its standard deviation bears.
 
@@ -220,7 +242,10 @@ def list_sizes(cause: Mapping[str, Any]) -> list[SizeChange]:
     every = [
         SizeChange(name, one.get("file"), one["value"], one["std"], one["unit"])
         for name, one in cause["parameters"].items()
+        if name != FACTOR
     ]
+    if FACTOR in cause["parameters"]:
+        return [_size_number(every[0], cause["parameters"][FACTOR])]
     sizes = [one for one in every if one.std is not None and one.value != one.file] or every[:1]
     by_name = {one.name: one for one in sizes}
     found = []
@@ -234,6 +259,14 @@ def list_sizes(cause: Mapping[str, Any]) -> list[SizeChange]:
             size = math.hypot(sine.value, cosine.value)
             found.append(SizeChange(f"{stem}_amplitude", None, size, spread or None, one.unit))
     return found
+
+
+def _size_number(change: SizeChange, factor: Mapping[str, Any]) -> SizeChange:
+    """The number that the robot file states, as the factor has it: an inertia may be lumped there."""
+    std = None
+    if factor["std"] is not None:
+        std = factor["std"] * abs(factor["file"])
+    return SizeChange(change.name, factor["file"], factor["value"] * factor["file"], std, change.unit)
 
 
 def say_effect(entry: str, content: Mapping[str, Any], *, with_sizes: bool = True) -> str:
@@ -250,8 +283,8 @@ def say_effect(entry: str, content: Mapping[str, Any], *, with_sizes: bool = Tru
     """
     joints = content.get("joints", ())
     effect, _, joint = entry.partition("@")
-    causes = content["causes"]
-    cause = next((one for one in causes if (one["effect"], str(one["joint"])) == (effect, joint)), {"parameters": {}})
+    causes: list[Mapping[str, Any]] = [*content["causes"], {"effect": effect, "joint": joint, "parameters": {}}]
+    cause = next(one for one in causes if (one["effect"], str(one["joint"])) == (effect, joint))
     sizes, name = list_sizes(cause), name_effect(entry, joints)
     numbers = _say_sizes(sizes) if with_sizes else ""
     if len(sizes) != 1 or sizes[0].ratio is None:

@@ -35,10 +35,7 @@ def show_gap(content: dict[str, Any]) -> Section:
 def _draw_channels(content: dict[str, Any]) -> str:
     """Each channel before and after in multiples of its noise, and in its unit beside its name."""
     channels, joints = content["gap"]["by_channel"], content.get("joints", ())
-    names = []
-    for name in channels:
-        (before, after), unit = format_channel_error(content, name)
-        names.append(f"{name_channel(name, joints)}: {before} → {after} {unit}")
+    names = [f"{name_channel(name, joints)}: {format_channel_error(content, name)}" for name in channels]
     groups = [
         DotGroup(when, [one[when] for one in channels.values()], color=REPLAY_COLORS[when])
         for when in ("before", "after")
@@ -62,7 +59,7 @@ def _say_remainders(content: dict[str, Any]) -> str:
     """The share of each joint's error that stays; "" where there was no error."""
     joints = content.get("joints", ())
     each = [
-        f"{100 * one['share']:.0f} % at {name_joint(one['joint'], joints)} ({one['noise']:.3g} times the noise)"
+        f"{100 * one['share']:.2g} % at {name_joint(one['joint'], joints)} ({one['noise']:.3g} times the noise)"
         for one in content["remains"]
     ]
     if not each:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hdagen.diagnosis.report.effect_words import find_channel_unit, format_values
+from hdagen.diagnosis.report.effect_words import find_channel_unit, format_change
 from hdagen.pages.quantity import format_number
 
 
@@ -41,19 +41,21 @@ def find_shown_channel(content: Mapping[str, Any]) -> str | None:
     return max(channels, key=lambda name: float(channels[name]["before"]), default=None)
 
 
-def format_channel_error(content: Mapping[str, Any], name: str) -> tuple[list[str], str]:
+def format_channel_error(content: Mapping[str, Any], name: str, between: str = " → ") -> str:
     """Format the error of a channel before and after the verdict.
 
     Args:
         content: of diagnosis.json.
         name: of its column.
+        between: what stands between both.
 
     Returns:
-        Root mean squares before and after, and their unit with its prefix.
+        Root mean squares before and after, with their unit.
 
     """
     one = content["gap"]["by_channel"][name]
-    return format_values([one[when] * one["noise"] for when in ("before", "after")], find_channel_unit(name, one))
+    before, after = (one[when] * one["noise"] for when in ("before", "after"))
+    return format_change(before, after, find_channel_unit(name, one), between)
 
 
 def format_closed_share(gap: Mapping[str, Any]) -> str:

@@ -80,9 +80,9 @@ def _state_error(content: Mapping[str, Any]) -> list[Fact]:
     multiples = f"{format_multiple(gap['before'])} → {format_multiple(gap['after'])} times the noise over all channels"
     if name is None:
         return [Fact("Error", multiples)]
-    (before, after), unit = format_channel_error(content, name)
+    error = format_channel_error(content, name)
     where = name_channel(name, content.get("joints", ()))
-    return [Fact("Error, file → found", f"{before} → {after} {unit}", f"{where}, rms on held-out motion; {multiples}")]
+    return [Fact("Error, file → found", error, f"{where}, rms on held-out motion; {multiples}")]
 
 
 def _state_credit(content: Mapping[str, Any]) -> Fact:

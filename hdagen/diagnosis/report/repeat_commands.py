@@ -79,12 +79,14 @@ def list_next_commands(content: Mapping[str, Any], files: DiagnosedFiles) -> lis
         The commands, each with its purpose.
 
     """
-    take = []
+    take, what = [], "it"
+    if not list_named_effects(content):
+        what = "the refitted numbers"
     if (list_named_effects(content) or content["parameters"]) and not content["contradicted"]:
         robot, found = files.shell_robot, files.shell_diagnosis
         take = [
-            NextCommand("Take it into the robot file:", f"hdagen adopt {found} {robot} --out robot.new.toml"),
-            NextCommand("Take it into MuJoCo:", f"hdagen export mjcf {robot} --with {found} --out robot.xml"),
+            NextCommand(f"Take {what} into the robot file:", f"hdagen adopt {found} {robot} --out robot.new.toml"),
+            NextCommand(f"Take {what} into MuJoCo:", f"hdagen export mjcf {robot} --with {found} --out robot.xml"),
         ]
     record = [_suggest_motion(content, files)]
     if content["sure"] and list_named_effects(content):

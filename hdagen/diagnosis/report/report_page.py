@@ -61,13 +61,18 @@ def write_report(diagnosis: DiagnosisResult, path: Path, files: DiagnosedFiles) 
 
 def _draw_effects(sight: ResidualTorque, content: dict[str, Any]) -> dict[str, list[EffectPicture]]:
     """The pictures of each effect that is named, by effect@joint; of what is missing where none is."""
-    entries, verdict = content["where"], content["verdict"]
-    main = entries[0] if entries else {"joint": 1, "place": "motor"}
+    entries, verdict, main = content["where"], content["verdict"], _find_main_place(content)
     drawn = {}
     for k, entry in enumerate(verdict or [f"none@{max(main['joint'], 1)}"]):
         place = entries[k]["place"] if k < len(entries) else main["place"]
         drawn[entry] = draw_effect(sight, entry, place)
     return drawn
+
+
+def _find_main_place(content: dict[str, Any]) -> dict[str, Any]:
+    """Joint and place that matter most; the first motor where none does."""
+    nowhere: dict[str, Any] = {"joint": 1, "place": "motor"}
+    return next(iter(content["where"]), nowhere)
 
 
 def _list_warnings(content: dict[str, Any], pictures: dict[str, list[EffectPicture]]) -> list[str]:
@@ -104,7 +109,7 @@ def _arrange_figures(figures: list[str]) -> list[str]:
 def _show_location(sight: ResidualTorque, content: dict[str, Any]) -> Section:
     """The share of the closed gap of each place, its regime in words, and maps of the joint that matters most."""
     entries, verdict, joints = content["where"], content["verdict"], content.get("joints", ())
-    main = entries[0] if entries else {"joint": 1, "place": "motor"}
+    main = _find_main_place(content)
     said = []
     for name, entry in zip(verdict or [""], entries, strict=False):
         regime = SIGNIFICANCE.sub("", entry["when"]).split(". ")[0].rstrip(".")
