@@ -19,6 +19,7 @@ import chromium
 import numpy as np
 import pytest
 from hostile_names import NAME, check_escaped
+from kept_builds import find_builds
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import load
@@ -41,7 +42,8 @@ STORED = Path(__file__).with_name("leg_diagnosis.json")  # of the leg's log; the
 @pytest.fixture(scope="module")
 def user() -> dict[str, str]:
     """What differs in the environment of a user who has the package."""
-    return {"PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))}
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    return {"HDAGEN_BUILD": str(find_builds()), "PYTHONPATH": path}
 
 
 class StoredDiagnosis:
