@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from hdagen.adoption.verdict import is_uninformed
+from hdagen.adoption.verdict import FACTOR, is_uninformed
 from hdagen.arm.arm_parameters import Parameter, Parameters
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.report.effect_words import (
@@ -101,7 +101,7 @@ def list_found_numbers(content: Mapping[str, Any], parameters: Parameters) -> It
     for cause in content["causes"]:
         if f"{cause['effect']}@{cause['joint']}" in named:
             suffix = f"_{cause['joint']}" if cause["joint"] else ""
-            for name, one in cause["parameters"].items():
+            for name, one in ((name, one) for name, one in cause["parameters"].items() if name != FACTOR):
                 yield _read_number(parameters, name + suffix, one, is_of_effect=True)
     for name, one in content["parameters"].items():
         yield _read_number(parameters, name, one, is_of_effect=False)
