@@ -96,7 +96,7 @@ def write_model(numbers: dict[str, tuple[float, float]], step: float, delay: flo
     return MODEL.format(step=step, hip=joints[0], knee=joints[1], delay=late)
 
 
-def write_robot(trust: float = 1.0) -> str:
+def write_robot(trust: float = 3.0) -> str:
     """The text of the leg's robot.toml."""
     return ROBOT.format(trust=trust, count=repr(RESOLUTION))
 
@@ -163,7 +163,7 @@ def describe_truth(identity: str | None = None) -> dict[str, Any]:
     return content
 
 
-def write_leg(folder: Path, seconds: tuple[float, float] = (12.0, 6.0), trust: float = 1.0) -> None:
+def write_leg(folder: Path, seconds: tuple[float, float] = (12.0, 6.0), trust: float = 3.0) -> None:
     """The files that the user of the leg has: leg.xml, leg.toml, log.parquet, held.parquet and controller.toml,
     and a diagnosis.json that states the truth."""
     (folder / "leg.xml").write_text(write_model({"frictionloss": STATED["frictionloss"]}, 0.001), encoding="utf-8")
