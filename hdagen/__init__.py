@@ -13,6 +13,7 @@ if sys.platform == "win32":
 
 if TYPE_CHECKING:
     from hdagen.adoption.robot_update import AdoptedRobot
+    from hdagen.api.diagnosis_pairs import compare
     from hdagen.api.log_check import LogCheck, check
     from hdagen.api.log_diagnosis import diagnose
     from hdagen.api.log_reading import read_log
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from hdagen.arm.build_loader import PlantError
     from hdagen.arm.compiled_arm import Arm
     from hdagen.arm.compiled_model import StepJacobians
+    from hdagen.comparison.diagnosis_comparison import DiagnosisComparison
     from hdagen.control.guard_limits import Guard, Safe
     from hdagen.control.guarded_controller import Controller, Fault
     from hdagen.control.reference_motion import Reference, circle
@@ -48,6 +50,7 @@ __all__ = [
     "ColumnsError",
     "Controller",
     "Diagnosis",
+    "DiagnosisComparison",
     "Excitation",
     "Fault",
     "Guard",
@@ -69,6 +72,7 @@ __all__ = [
     "adopt",
     "check",
     "circle",
+    "compare",
     "diagnose",
     "excite",
     "export",
@@ -80,6 +84,7 @@ __all__ = [
 ]
 _HOMES = {
     "adoption.robot_update": ("AdoptedRobot",),
+    "api.diagnosis_pairs": ("compare",),
     "api.log_check": ("LogCheck", "check"),
     "api.log_diagnosis": ("diagnose",),
     "api.log_reading": ("read_log",),
@@ -92,6 +97,7 @@ _HOMES = {
     "arm.build_loader": ("PlantError",),
     "arm.compiled_arm": ("Arm",),
     "arm.compiled_model": ("StepJacobians",),
+    "comparison.diagnosis_comparison": ("DiagnosisComparison",),
     "control.guard_limits": ("Guard", "Safe"),
     "control.guarded_controller": ("Controller", "Fault"),
     "control.reference_motion": ("Reference", "circle"),

@@ -206,6 +206,7 @@ def _solve_columns(M: Any, b: Any) -> Any:
 
 
 LAW_BUILDERS = (position_law, impedance_cartesian, impedance_joint, admittance_cartesian, admittance_joint)
+SPACE_LAW_BUILDERS = (position_law, impedance_joint, admittance_joint)  # those whose reference is the joints'
 
 
 def make_laws(model: Model, c: Any) -> tuple[Law, ...]:
@@ -216,7 +217,10 @@ def make_laws(model: Model, c: Any) -> tuple[Law, ...]:
         c: The symbols of its constants.
 
     Returns:
-        The controllers, in the order of `LAW_BUILDERS`.
+        The controllers, in the order of `LAW_BUILDERS`; of a chain in space those of `SPACE_LAW_BUILDERS`.
 
     """
-    return tuple(law(model, c) for law in LAW_BUILDERS)
+    builders = LAW_BUILDERS
+    if model.chain.in_space:
+        builders = SPACE_LAW_BUILDERS
+    return tuple(law(model, c) for law in builders)

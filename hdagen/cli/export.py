@@ -22,7 +22,7 @@ EXPORT_EXAMPLE = """example:
 
 exit codes: 0 done, 1 the proof failed (MuJoCo comes no nearer to the log), 2 usage or configuration, 3 data unusable;
 see docs/guides/take_the_result_home.md"""
-FORMAT_OPTIONS = ("into", "samples")  # options that not every format takes
+FORMAT_OPTIONS = ("into", "samples", "fmi")  # options that not every format takes
 DONE, PROOF_FAILED = 0, 1
 
 
@@ -56,6 +56,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument("--samples", type=int, metavar="N", help="of json: so many draws of the numbers, for randomisation")
     p.add_argument("--out", type=Path, required=True, metavar="FILE", help="where the model is written")
     p.add_argument("--force", action="store_true", help="write over a file that is there")
+    p.add_argument("--fmi", choices=("3.0", "2.0"), help="version of the FMU's interface (default: 3.0)")
     p.add_argument("--profile", choices=("portable", "native"), default="portable", help="of the build of the model")
     p.add_argument("--json", action="store_true", help="print what was written as JSON")
 

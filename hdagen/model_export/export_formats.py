@@ -62,10 +62,30 @@ class Exported:
     proof: Proof | None = None
 
 
+def list_parameter_changes(robot: CorrectedRobot) -> list[ExportedNumber]:
+    """List the parameters that the verdict changed, for formats that hold the model's own.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Each parameter that differs, by the model's name.
+
+    """
+    file, corrected = robot.file.parameters, robot.corrected.parameters
+    return [
+        ExportedNumber(name, file.get(name), corrected[name], q.unit)
+        for name, q in corrected.described.items()
+        if corrected[name] != file.get(name, q.nominal)
+    ]
+
+
 FORMATS = {
     "mjcf": ExportFormat("hdagen.model_export.mjcf_writer", ".xml", "a MuJoCo model", ("into", "prove")),
     "urdf": ExportFormat("hdagen.model_export.urdf_writer", ".urdf", "the chain with inertias, damping and friction"),
     "json": ExportFormat("hdagen.model_export.json_writer", ".json", "the joints' numbers by name", ("samples",)),
+    "fmu": ExportFormat("hdagen.model_export.fmu_writer", ".fmu", "a unit for co-simulation, FMI", ("fmi",)),
+    "c": ExportFormat("hdagen.model_export.c_writer", "", "the controllers' C with this robot's limits, a folder"),
 }
 
 

@@ -173,7 +173,7 @@ def test_doctor_tells_versions_that_do_not_fit_and_packages_that_are_not_there(
         monkeypatch.setattr(
             installation_check, name, lambda: installation_check.InstallationFinding("x", True, True, "")
         )
-    monkeypatch.setattr(installation_check.metadata, "requires", lambda _: required)
+    monkeypatch.setattr("hdagen.arm.installation_check.metadata.requires", lambda _: required)
     monkeypatch.setattr(installation_check, "_find_version", found.get)
     assert main(["doctor"]) == 1
     lines = capsys.readouterr().out.splitlines()[4:]
