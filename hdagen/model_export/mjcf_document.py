@@ -50,7 +50,8 @@ def write_document(name: str, numbers: RobotNumbers, step: float) -> str:
         f'  <option timestep="{write_number(step)}" integrator="RK4" gravity="{gravity} 0"/>',
         "  <default>",
         f"    <!-- the second number belongs to this timestep: -{FRICTION_DECAY:g} / timestep -->",
-        f'    <joint solreffriction="-1 {write_number(-FRICTION_DECAY / step)}" solimpfriction="{FRICTION_IMPEDANCE}"/>',
+        f'    <joint solreffriction="-1 {write_number(-FRICTION_DECAY / step)}"'
+        f' solimpfriction="{FRICTION_IMPEDANCE}"/>',
         '    <geom contype="0" conaffinity="0" group="1"/>',
         "  </default>",
         "  <worldbody>",

@@ -53,7 +53,8 @@ name = "leg"
 gravity = [9.81, 0.0]
 step = 0.0005
 
-[[joint]] # hip
+[[joint]]
+name = "hip"
 length = 0.3
 mass = {{value = 1.5, tolerance = 0.02}}
 center_of_mass = {{value = 0.12, tolerance = 0.02}}
@@ -69,7 +70,8 @@ torque = 25.0
 [joint.sensor]
 joint_encoder_resolution = {count}
 
-[[joint]] # knee
+[[joint]]
+name = "knee"
 length = 0.3
 mass = {{value = 0.6, tolerance = 0.02}}
 center_of_mass = {{value = 0.14, tolerance = 0.02}}
