@@ -159,7 +159,11 @@ def build_robot(
     folder, name, content = locate_build(source, profile, out, extra, mpc)
     if is_intact(folder, name):
         return folder, False
-    library, effects, examined = assemble_library(source, load(source), extra)
+    robot = load(source)
+    if mpc and robot.in_space:
+        possible = "possible with --mpc are arms in the plane; leave it out"
+        raise BuildError(f"{source}: its joints stand in space, {possible}.")
+    library, effects, examined = assemble_library(source, robot, extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
     try:
