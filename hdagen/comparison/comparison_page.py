@@ -60,20 +60,20 @@ def _build_effects_section(comparison: DiagnosisComparison) -> page.Section:
         return page.Section("Effects", "Neither diagnosis finds any effect possible.")
     chances = [[pair.first_probability for pair in pairs], [pair.second_probability for pair in pairs]]
     groups = [
-        figure.BarGroup(label, np.array([math.nan if value is None else value for value in values]), color=color)
+        figure.DotGroup(label, np.array([math.nan if value is None else value for value in values]), color=color)
         for label, values, color in zip(("first", "second"), chances, SIDE_COLORS, strict=True)
     ]
-    bars = figure.draw_bars(
+    dots = figure.draw_dots(
         "Probability of being present",
         [pair.effect for pair in pairs],
         groups,
         value_label="probability",
-        caption="Without a bar: not tried.",
+        caption="Without a dot: not tried.",
     )
     return page.Section(
         "Effects",
         "Each effect's probability of being present, alone or with others.",
-        [bars, _draw_result_table(comparison.tabulate_effects())],
+        [dots, _draw_result_table(comparison.tabulate_effects())],
     )
 
 
@@ -86,10 +86,10 @@ def _build_parameters_section(comparison: DiagnosisComparison) -> page.Section:
     finite = [(name, value) for name, value in known if math.isfinite(value)]
     if finite:
         figures.append(
-            figure.draw_bars(
+            figure.draw_dots(
                 "Difference of both estimates",
                 [name for name, _ in finite],
-                [figure.BarGroup("second minus first", np.array([value for _, value in finite]), color="blue")],
+                [figure.DotGroup("second minus first", np.array([value for _, value in finite]), color="blue")],
                 value_label="in standard deviations of the difference",
                 levels=[(-INTERVAL_DEVIATIONS, "−95 %"), (INTERVAL_DEVIATIONS, "95 %")],
                 caption="Within the two lines the estimates agree.",
