@@ -15,7 +15,7 @@ from hdagen.cli.completion import add_completion_option
 from hdagen.support.version import __version__
 
 COMMANDS = (
-    *("build", "check", "list", "describe", "doctor"),
+    *("build", "check", "list", "describe", "robot", "doctor"),
     *("demo", "simulate", "replay", "diagnose", "adopt", "compare", "export", "excite"),
     *("mpc", "bench", "blind", "paper"),
 )

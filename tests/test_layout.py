@@ -130,6 +130,7 @@ FLOORS = (  # from the roof to the ground: a file imports from folders that stan
     "hdagen/simulation",
     "hdagen/control",
     "hdagen/arm",
+    "hdagen/model_import",
     "hdagen/log",
     "hdagen/pages",
     "hdagen/support",

@@ -159,12 +159,18 @@ def build_robot(
     folder, name, content = locate_build(source, profile, out, extra, mpc)
     if is_intact(folder, name):
         return folder, False
-    made, effects, examined = assemble_library(source, load(source), extra)
+    robot = load(source)
+    if mpc and robot.in_space:
+        possible = "possible with --mpc are arms in the plane; leave it out"
+        raise BuildError(f"{source}: its joints stand in space, {possible}.")
+    library, effects, examined = assemble_library(source, robot, extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
     try:
         if mpc:
-            check_memory(mpc, made.graphs.model.n, 2 * made.graphs.model.n + 2 * len(made.graphs.model.flexible))
+            check_memory(
+                mpc, library.graphs.model.n, 2 * library.graphs.model.n + 2 * len(library.graphs.model.flexible)
+            )
     except StructureError as error:
         raise BuildError(str(error)) from None
     if locate_build(source, profile, out, extra, mpc)[2] != content:
@@ -174,11 +180,11 @@ def build_robot(
         with lock_folder(out / ".lock"):
             if is_intact(folder, name):  # another process made it meanwhile
                 return folder, False
-            print(f"building {made.graphs.model.robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
+            print(f"building {library.graphs.model.robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
             for stale in out.glob(f".*{PARTIAL_BUILD_PREFIX}*"):  # left by a build that was killed; the lock is ours
                 _remove_tree(stale)
             object_cache.discard_parts(out / OBJECT_FOLDER)
-            _write_build(made, effects, profile, folder, name, mpc)
+            _write_build(library, effects, profile, folder, name, mpc)
     except OSError as error:
         why = error.strerror or error
         raise BuildError(
@@ -225,11 +231,11 @@ def assemble_library(
     try:
         applies = Model(robot, NOMINAL).joints_of_effect
         effects = tuple(e for e in chosen if e in NOMINAL or applies(e))
-        made = make_library(Model(robot, effects))
-        examined = step_stability.examine_step(made.graphs)
+        library = make_library(Model(robot, effects))
+        examined = step_stability.examine_step(library.graphs)
     except ValueError as error:
         raise RobotError([f"{source}, joint: {error}."]) from None
-    return made, effects, examined
+    return library, effects, examined
 
 
 def _write_build(

@@ -144,7 +144,7 @@ def compiler_flags(profile: str) -> tuple[str, ...]:
 
 
 def compile_library(folder: Path, sources: list[str], profile: str, name: str, kept: Path | None) -> None:
-    """Compile sources, two at a time, and link them into a library; the objects are removed.
+    """Compile sources, two at a time, the longest first, and link them into a library; the objects are removed.
 
     Args:
         folder: Where the sources lie, and where the library goes.
@@ -162,10 +162,13 @@ def compile_library(folder: Path, sources: list[str], profile: str, name: str, k
     if sys.platform == "darwin":
         shared = ("-dynamiclib", "-undefined", "dynamic_lookup")
     link = (*find_compiler().command, *shared, "-o", name, *made, "-lm")
+    longest_first = sorted(sources, key=lambda source: -(folder / source).stat().st_size)
     pool, over = ThreadPoolExecutor(max_workers=2), Event()
     with _set_on_interrupt(over), _process_group() as group:
         try:
-            work = [pool.submit(_compile_object, folder, source, profile, kept, over, group) for source in sources]
+            work = [
+                pool.submit(_compile_object, folder, source, profile, kept, over, group) for source in longest_first
+            ]
             for done in work:
                 while not wait([done], timeout=0.1).done:  # an interrupt just before a wait is heard only after it
                     continue

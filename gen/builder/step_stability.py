@@ -122,13 +122,13 @@ class StepExamination:
             The lines.
 
         """
-        said = []
+        lines = []
         for j, (width, rate) in enumerate(zip(self.width, self.friction, strict=True), 1):
             carried = (
                 f"{self.smallest_step * rate:.3g} of a step of {self.smallest_step:.3g} s, possible is"
                 f" {LARGEST_SMOOTH_FRICTION:g}"
             )
-            said.append(
+            lines.append(
                 f"friction at joint {j} smoothed over {width:.4g} rad/s: {carried} (RK4 is stable to"
                 f" {LARGEST_STABLE_MODE})"
             )
@@ -139,13 +139,13 @@ class StepExamination:
             remark = ""
             if LARGEST_ACCURATE_MODE < size <= LARGEST_STABLE_MODE:
                 remark = f"; beyond {LARGEST_ACCURATE_MODE} RK4's error shows: mind the accuracy"
-            said.append(
+            lines.append(
                 f"fastest mode {when}: {known}, {size:.3g} rad a step, possible is {LARGEST_STABLE_MODE}{remark}"
             )
         if self.unstable_from and self.step * self.loaded.rate <= LARGEST_STABLE_MODE:
             where = ", ".join(f"{torque:.3g} at joint {j}" for j, torque in self.unstable_from)
-            said.append(f"unstable from joint torques of {where} on, where the springs are too stiff for the step")
-        return said
+            lines.append(f"unstable from joint torques of {where} on, where the springs are too stiff for the step")
+        return lines
 
     @property
     def _load_phrase(self) -> str:

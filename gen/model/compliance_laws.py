@@ -11,6 +11,7 @@ Sources: paper (20)–(26) corrected; Khatib, IEEE J. Robot. Autom. 3 (1987) 43 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -220,7 +221,7 @@ def make_laws(model: Model, c: Any) -> tuple[Law, ...]:
         The controllers, in the order of `LAW_BUILDERS`; of a chain in space those of `SPACE_LAW_BUILDERS`.
 
     """
-    builders = LAW_BUILDERS
+    builders: tuple[Callable[[Model, Any], Law], ...] = LAW_BUILDERS
     if model.chain.in_space:
         builders = SPACE_LAW_BUILDERS
     return tuple(law(model, c) for law in builders)

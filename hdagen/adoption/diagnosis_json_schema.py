@@ -51,6 +51,8 @@ OPTIONAL = {  # keys that a document may lack, each with its table
     ("estimate", "file"),
     ("estimate", "conditional_std"),
     ("channel_gap", "unit"),
+    ("cause", "combination"),
+    ("method", "strained"),
 }
 
 # The keys of each table. Gaps and errors are in multiples of the sensor noise; an effect is name@joint.
@@ -96,6 +98,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("probability", PROBABILITY, "probability that it is present, alone or with others"),
         ("parameters", _named(_table("estimate")), "estimates without the joint's suffix; empty if it was not fitted"),
         ("confounded_with", _list(EFFECT), "other effects that may explain the same"),
+        ("combination", _list(EFFECT), "numbers of the robot file that the motion cannot part, itself among them"),
         ("separate_by", TEXT, "the experiment that separates them"),
         ("gap_after", _or_null(MULTIPLE), "least gap in the ranking with this cause"),
     ),
@@ -190,6 +193,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("uncalibrated_probability", PROBABILITY, "probability of the verdict before calibration"),
         ("present_size", MULTIPLE, "size from which an effect is present, in usual sizes"),
         ("most_doubt", PROBABILITY, "probability of everything else, up to which a verdict is sure"),
+        ("strained", _list(TEXT), "parameters that the log presses against three of their tolerances"),
         ("nuisance_width", MULTIPLE, "prior width of the nuisance effects, in usual sizes"),
         ("unexplained_torque", MULTIPLE, "size of the residual torque, in 2 % of the usual motor torque"),
         ("noise_scale", MULTIPLE, "geometric mean of the windows' noise scales"),

@@ -106,6 +106,7 @@ def adopt(
             raise
         made = _make_candidate(raw, arm, kept, stated, causes, label, profile)
         notes = [*notes, _KEPT_LINKS]
+    _check_parameters(made.found, label, made.wanted)
     text = made.file.to_bytes()
     if out is not None:
         _write_robot_file(label, text)
@@ -117,10 +118,12 @@ def adopt(
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A corrected ``file`` that a model can be built from: its changed numbers, and those of the integration that the
-    model needed."""
+    """A corrected ``file`` that a model can be built from: the model, the one that was ``wanted``, the changed numbers,
+    and those of the integration that the model needed."""
 
     file: RobotFile
+    found: Arm
+    wanted: Arm
     changes: Sequence[Change]
     settings: Sequence[Change]
 
@@ -148,8 +151,7 @@ def _make_candidate(
             raise PlantError(
                 f"{label}: no model can be built from the corrected file, and nothing was written: {why}"
             ) from None
-    _check_parameters(found, label, wanted)
-    return _Candidate(file, changes, settings)
+    return _Candidate(file, found, wanted, changes, settings)
 
 
 def _restore_links(arm: Arm, wanted: Arm) -> Arm | None:

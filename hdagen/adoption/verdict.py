@@ -20,6 +20,7 @@ from hdagen.support.messages import show_path, show_value
 UNCHANGED_WIDTH_SHARE = 0.9  # posterior by prior width, from which on a log said nothing of a parameter
 LEAST_MOVE = 0.1  # of the prior width, that such a parameter has moved at most
 MOST_TOLERANCES = 3.0  # standard deviations of its tolerance that a base parameter may move
+FACTOR = "factor"  # of a wrong number, beside its parameter: truth over file
 MOST_GRAVITY_CHANGE = 0.13  # m/s² that gravity may move, three quarters of a degree: no base is quite level
 _BOUND_ROUNDING = 1e-6  # of a range, by which a number may lie beyond its ends without a word
 _MOST_READ_EFFECTS = 200  # effects of a verdict
@@ -130,6 +131,7 @@ def _read_effects(
             if joint == 0:
                 suffix = ""
             values = _read_numbers(causes[name, joint], f"{source}, causes, {entry}", suffix, problems)
+            values.pop(f"{FACTOR}{suffix}", None)
             effects.append(NamedEffect(name, joint, values))
     return effects, unknown
 

@@ -6,6 +6,7 @@ import hashlib
 import importlib.util
 import json
 import os
+import sys
 import sysconfig
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,9 +14,12 @@ from typing import Any, Protocol
 
 from hdagen.arm.generator import run_generator
 from hdagen.arm.received_builds import BuildRequest, find_received_build
-from hdagen.support.messages import make_printable
+from hdagen.model_import.model_file import ModelError, is_model_file
+from hdagen.support.atomic_write import write_atomically
+from hdagen.support.messages import make_printable, show_path
 from hdagen.support.ownership import find_other_writer
 
+IMPORTED_FOLDER = ".models"  # beside the builds: robot files made of URDF and MJCF models
 MANIFEST_SCHEMA = 1
 BUILD_PROFILES = ("portable", "native")
 MOST_PATH_BYTES = 4096  # bytes of a path
@@ -103,6 +107,7 @@ def find_or_build(
         raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
     folder = find_build_folder(out)
     refuse_other_writers(folder)
+    name = find_robot_file(name, folder)
     if mpc and (problems := mpc.find_incompatibilities(json.loads("\n".join(_run_gen("describe", "--", name))))):
         raise PlantError("\n".join(problems))
     structure = ""
@@ -116,6 +121,38 @@ def find_or_build(
         if (received := find_received_build(folder, request)) is not None:
             return received
         raise MissingCompilerError(error, request) from None
+
+
+def find_robot_file(robot: str, folder: Path) -> str:
+    """Find the robot file of a robot; a URDF or MJCF model is imported first, and what was assumed is reported.
+
+    Args:
+        robot: A preset, a robot.toml, or a model.
+        folder: The folder where builds lie, in which the imported robot file is kept.
+
+    Returns:
+        The preset, or the robot file's path.
+
+    Raises:
+        PlantError: The model cannot be imported.
+
+    """
+    if not is_model_file(robot):
+        return robot
+    from hdagen.model_import.robot_writing import import_model
+
+    try:
+        made = import_model(robot)
+    except ModelError as error:
+        raise PlantError(str(error)) from None
+    content = made.text.encode()
+    kept = folder / IMPORTED_FOLDER / f"{hashlib.sha256(content).hexdigest()[:16]}.toml"
+    if not kept.is_file() or kept.read_bytes() != content:
+        kept.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        write_atomically(kept, content)
+        told = "; ".join(made.notes)
+        print(f"{show_path(robot)}: imported; {told}; `hdagen robot import` writes the file", file=sys.stderr)
+    return str(kept)
 
 
 def find_build_folder(out: str | Path | None = None) -> Path:

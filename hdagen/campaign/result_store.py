@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -67,9 +68,14 @@ class ResultStore:
             found = read_json(folder / TASK_FILE, _MOST_TASK_BYTES, "it is made again")
             if found["inputs"] != task.hash_inputs() or not all((folder / name).is_file() for name in found["files"]):
                 return None
+            if not all(math.isfinite(found[name]) for name in ("seconds", "processor_seconds")):
+                return None
+            status, row = _FINISHED[found["status"]], dict(found["row"])
+            if status is Status.DONE and not task.accepts_row(row):
+                return None
             return Outcome(
-                status=_FINISHED[found["status"]],
-                row=dict(found["row"]),
+                status=status,
+                row=row,
                 messages=tuple(map(str, found["messages"])),
                 seconds=float(found["seconds"]),
                 processor_seconds=float(found["processor_seconds"]),

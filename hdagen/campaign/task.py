@@ -46,6 +46,19 @@ class TaskFolder:
 Action = Callable[[TaskFolder, Mapping[str, Any]], Mapping[str, Any]]
 
 
+def accept_any_row(row: Mapping[str, Any]) -> bool:
+    """Tell that a row of an earlier run will do, whatever it holds.
+
+    Args:
+        row: The row as it was read from its file.
+
+    Returns:
+        True.
+
+    """
+    return True
+
+
 @dataclass(frozen=True)
 class TaskFile:
     """A file that a task reads.
@@ -83,6 +96,7 @@ class Task:
         parameters: What JSON can hold.
         files: The files by their names in the task's folder.
         longest_seconds: Time after which its worker is stopped, s.
+        accepts_row: Tells whether the row of an earlier run, read from its file, is whole.
 
     """
 
@@ -91,6 +105,7 @@ class Task:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, TaskFile] = field(default_factory=dict)
     longest_seconds: float = math.inf
+    accepts_row: Callable[[Mapping[str, Any]], bool] = accept_any_row
 
     def hash_inputs(self) -> str:
         """Hash what decides the result: action, parameters, content of the files wherever they lie, version.

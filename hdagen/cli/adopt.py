@@ -79,14 +79,16 @@ def _print_json(options: argparse.Namespace, adopted: AdoptedRobot) -> None:
 
 
 def _print_changes(options: argparse.Namespace, adopted: AdoptedRobot) -> None:
+    from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     console = Console(highlight=False)
     if adopted.changes:
-        table = Table(title=escape(f"{options.robot} with {options.diagnosis}"), title_justify="left")
-        table.add_column("where")
+        title = escape(f"{options.robot} with {options.diagnosis}")
+        table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        table.add_column("where", no_wrap=True)
         for name in ("file", "adopted", "±", "change"):
             table.add_column(name, justify="right")
         table.add_column("unit")

@@ -123,7 +123,7 @@ def _find_conflicts(options: argparse.Namespace) -> list[str]:
     if options.write is not None and (options.out is not None or options.calibrate is not None or options.keep):
         problems.append("--write makes cases and checks nothing: leave out --out, --keep and --calibrate.")
     if importlib.util.find_spec("mujoco") is None:
-        problems.append("MuJoCo is not installed, which makes the realities: pip install 'hdagen[blind]'.")
+        problems.append("MuJoCo is not installed, which makes the realities: pip install 'hdagen[mujoco]'.")
     return problems
 
 

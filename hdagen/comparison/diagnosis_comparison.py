@@ -216,10 +216,10 @@ class DiagnosisComparison:
         columns: dict[str, list[TableCell]] = {
             "parameter": [pair.name for pair in pairs],
             "effect": [pair.effect for pair in pairs],
-            "first": [pair.first and pair.first.value for pair in pairs],
-            "first ±": [pair.first and pair.first.std for pair in pairs],
-            "second": [pair.second and pair.second.value for pair in pairs],
-            "second ±": [pair.second and pair.second.std for pair in pairs],
+            "first": [_get_value(pair.first) for pair in pairs],
+            "first ±": [_get_deviation(pair.first) for pair in pairs],
+            "second": [_get_value(pair.second) for pair in pairs],
+            "second ±": [_get_deviation(pair.second) for pair in pairs],
             "unit": [pair.unit for pair in pairs],
             "difference": [pair.difference for pair in pairs],
             "in deviations": [pair.deviations for pair in pairs],
@@ -296,6 +296,14 @@ def compare_contents(
     for content in contents:
         read_verdict(content)
     return DiagnosisComparison(labels, contents)
+
+
+def _get_value(estimate: Estimate | None) -> float | None:
+    return None if estimate is None else estimate.value
+
+
+def _get_deviation(estimate: Estimate | None) -> float | None:
+    return None if estimate is None else estimate.std
 
 
 def _rank_effect(pair: EffectPair) -> tuple[int, float, str]:

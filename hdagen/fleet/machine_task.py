@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hdagen.arm.arrays import is_number
 from hdagen.campaign.task import Task, TaskFile, TaskFolder, TaskRefusedError
 from hdagen.fleet.fleet_file import FleetMachine
 
@@ -37,7 +38,7 @@ def make_machine_task(machine: FleetMachine) -> Task:
         files[parameters["hold_out"]] = TaskFile(machine.hold_out, str(machine.hold_out))
     if machine.columns is not None:
         files[_COLUMNS_FILE] = TaskFile(machine.columns, str(machine.columns))
-    return Task(machine.name, diagnose_machine, parameters, files, LONGEST_DIAGNOSIS_SECONDS)
+    return Task(machine.name, diagnose_machine, parameters, files, LONGEST_DIAGNOSIS_SECONDS, is_machine_row)
 
 
 def diagnose_machine(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -118,3 +119,34 @@ def summarize_diagnosis(content: Mapping[str, Any]) -> dict[str, Any]:
         "repaired": [repair["what"] for repair in data.get("repaired", [])],
         "warnings": list(data.get("warnings", [])),
     }
+
+
+def is_machine_row(row: Mapping[str, Any]) -> bool:
+    """Tell whether a row, read from a file, has all that table and page of a fleet show.
+
+    Args:
+        row: The row.
+
+    Returns:
+        Whether it is as `summarize_diagnosis` makes it.
+
+    """
+    try:
+        gaps = [row["gap"][when] for when in ("before", "after", "floor", "shrink")]
+        chances = [row["probability"], *(cause["probability"] for cause in row["causes"])]
+        places = [cause["joint"] for cause in row["causes"]]
+        sizes = [size for value, std, _ in row["parameters"].values() for size in (value, std)]
+        words = [*row["verdict"], *row["repaired"], *row["warnings"], *row["parameters"]]
+        words += [*(unit for _, _, unit in row["parameters"].values()), *(cause["effect"] for cause in row["causes"])]
+    except (LookupError, TypeError, ValueError, AttributeError):
+        return False
+    numbers = [one for one in (*gaps, *chances) if one is not None] + sizes
+    lists = (row["verdict"], row["repaired"], row["warnings"], row["causes"])
+    return (
+        isinstance(row.get("sure"), bool)
+        and isinstance(row.get("robot_name", 0), str | None)
+        and all(isinstance(one, list) for one in lists)
+        and all(isinstance(word, str) for word in words)
+        and all(isinstance(place, int) and place >= 0 for place in places)
+        and all(not isinstance(one, bool) and is_number(one) for one in numbers)
+    )

@@ -70,6 +70,8 @@ Row = tuple[str, str, str, str, str, float | None, float | None, float | None]
 def _describe_inputs(arm: Arm) -> Iterator[Row]:
     for k, slot in enumerate(arm.manifest["input"]):
         name, meaning = slot["name"], "force of the surroundings on the tip, base frame"
+        if name.startswith("tip_moment"):
+            meaning = "moment of the surroundings on the tip, base frame"
         if k < arm.n:
             kind, _, joint = name.rpartition("_")
             name, meaning = f"{kind}_command_{joint}", f"command of joint {joint}, held over a communication step"
@@ -113,6 +115,9 @@ def _describe_outputs(arm: Arm) -> Iterator[Row]:
         if output.startswith("tip"):
             unit = {"tip": "m", "tip_velocity": "m/s"}[output]
             yield from (row(f"{output}_{axis}", unit, meaning) for axis in AXES[:length])
+            if length > len(AXES):  # in space a velocity goes on with the turning
+                turning = "angular velocity of the tip, base frame"
+                yield from (row(f"tip_angular_velocity_{axis}", "rad/s", turning) for axis in AXES)
         else:
             joints = enumerate(arm.robot["joints"], 1)
             yield from (row(f"{output}_{j}", _name_unit(output, joint), meaning) for j, joint in joints)

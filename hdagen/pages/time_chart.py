@@ -93,7 +93,7 @@ def _describe_channel(title: str, channel: TimeChannel, moments: Array) -> tuple
     measured = _read_samples(title, channel, channel.measured, moments.size)
     errors = [measured - _read_samples(title, channel, values, moments.size) for values in channel.models.values()]
     rows = choose_rows(moments, [measured, *errors], MOST_KEPT_ROWS)
-    described = {
+    described: dict[str, object] = {
         "name": channel.name,
         "measured": _describe_column(channel, measured, rows),
         "errors": [_describe_column(channel, values, rows, errors) for values in errors],

@@ -109,7 +109,7 @@ def read_controller(path: str | Path) -> tuple[JointLaw, ...]:
             "\n".join(
                 [
                     *problems,
-                    f"{path}: found no [[joint]] table; write one a joint, with kp and kv (or proportional, derivative).",
+                    f"{path}: found no [[joint]] table; write one a joint, with its kp and kv (or a PD law).",
                 ]
             )
         )

@@ -136,7 +136,7 @@ def test_the_generated_model_replays_a_reality_without_effects_at_the_noise(robo
     path.write_text(robot.toml())
     columns = log(robot, draw_rich_motion(11, 3.0))
     time = columns.pop("time")
-    found = replay(hdagen.load_robot(path, out=tmp_path), Log(time, columns, 2, "reality"))
+    found = replay(hdagen.load_robot(path), Log(time, columns, 2, "reality"))
     for name, noise in found.noise.items():
         # by window: one that starts where friction just holds or just lets go may differ
         error = np.split(found.columns[name] - columns[name], found.starts[1:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sysconfig
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -19,6 +20,8 @@ from gen.model.arm_model import solve_symmetric
 from gen.model.robot_chain import make_chain
 from gen.robot.load_robot import from_table
 from gen.robot.model_parameters import list_parameters
+from hdagen.model_import.chain_reduction import ChainRequest
+from hdagen.model_import.robot_writing import import_model
 
 KINDS = ("R", "P", "RR", "PR", "RP", "RRR", "PRP", "RRPR", "RRRRR", "RPRRRR", "RRRRRR", "RRRRRRR", "PRRRPRR")
 CHAINS = [space_robots.chain(kinds, seed, aligned) for seed, kinds in enumerate(KINDS) for aligned in (False, True)]
@@ -82,6 +85,18 @@ class Pinocchio:
         self.tip = self.model.addFrame(pin.Frame("tip", parent, 0, place(table["tip"]), pin.FrameType.OP_FRAME))
         self.rotors = np.diag([joint["drive"]["motor_inertia"] for joint in table["joint"]])
         self.data = self.model.createData()
+
+    @classmethod
+    def of_urdf(cls, path: Path, joints: list[str], tip: str) -> Pinocchio:
+        """The same of a URDF by Pinocchio's own parser, right angles exact, every other joint held at 0."""
+        self = cls.__new__(cls)
+        text = path.read_text().replace("1.57079632679", repr(np.pi / 2)).replace("3.14159265359", repr(np.pi))
+        whole = pin.buildModelFromXML(text)
+        others = [whole.getJointId(name) for name in whole.names[1:] if name not in joints]
+        self.model = pin.buildReducedModel(whole, others, pin.neutral(whole))
+        self.tip, self.rotors = self.model.getFrameId(tip), np.zeros((len(joints), len(joints)))
+        self.data = self.model.createData()
+        return self
 
     def all(self, q: Floats, v: Floats, a: Floats, wrench: Floats, torque: Floats) -> dict[str, Any]:
         """Everything that is compared."""
@@ -184,6 +199,31 @@ def test_everything_agrees_with_pinocchio(text: str) -> None:
 @pytest.mark.parametrize("text", CHAINS, ids=lambda text: text.split('"')[1])
 def test_everything_agrees_with_mujoco(text: str) -> None:
     compare(text, MuJoCo(text), STATES)
+
+
+URDFS = {  # links of the chain's end in real models
+    "panda": ("panda_description/urdf/panda.urdf", "panda_hand"),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", "wrist_3_link"),
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", "link7"),
+    "so101": ("so_arm_description/urdf/so101.urdf", "gripper_link"),
+}
+
+
+def find_urdf(robot: str) -> Path:
+    """A URDF of the package example-robot-data; skips where it is not installed."""
+    folder = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
+    if not folder.is_dir():
+        pytest.skip("example-robot-data is not installed: pip install 'hdagen[robots]'")
+    return folder / URDFS[robot][0]
+
+
+@pytest.mark.parametrize("robot", URDFS)
+def test_an_imported_urdf_is_what_pinocchio_reads(robot: str) -> None:
+    path = find_urdf(robot)
+    text = import_model(str(path), ChainRequest(tip=URDFS[robot][1])).text
+    joints = [joint["name"] for joint in tomllib.loads(text)["joint"]]
+    assert len(joints) == {"panda": 7, "ur5": 6, "xarm7": 7, "so101": 5}[robot]
+    compare(text, Pinocchio.of_urdf(path, joints, URDFS[robot][1]), STATES)
 
 
 @pytest.mark.campaign

@@ -167,6 +167,7 @@ def test_the_flat_library_gives_the_bits_of_the_python_controller(
 def test_the_flat_library_refuses_what_is_wrong(compiled: Path) -> None:
     library = compiled / "libhda_flat.so"
     good = FlatController(library, "position")
+    assert good.c.hda_flat_wrench() == 2
     assert good.c.hda_flat_law(b"no law") == -1 and good.c.hda_flat_gain_count(99) == -1
     limits = good.limits.copy()
     limits[0] = -1.0  # a period

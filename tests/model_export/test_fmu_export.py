@@ -18,6 +18,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from replayed import FLEXIBLE
+from space_robots import chain
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
@@ -101,6 +102,27 @@ def test_a_unit_is_valid_and_moves_as_the_simulation_does(
     assert np.ptp(truth["joint_position_2"]) > 0.1 and np.abs(truth["torsion_1"]).max() > 1e-4
     for name, values in truth.items():
         assert np.abs(found[name] - values).max() <= 1e-9 * max(1.0, np.abs(values).max()), name
+
+
+def test_an_arm_in_space_has_force_and_moment_on_its_tip(build: Callable[..., Any], tmp_path: Path) -> None:
+    arm = Arm(build(chain("RP", 1)).folder)
+    fmu_writer.write(CorrectedRobot("space", arm, arm), tmp_path / "arm.fmu")
+    assert validate_fmu(str(tmp_path / "arm.fmu")) == []
+    count, held = 50, {"tip_force_z": 3.0, "tip_moment_x": -0.5}
+    outputs = [v.name for v in list_variables(arm) if v.causality == "output"]
+    signals = np.array([(t, *held.values()) for t in (0.0, 1.0)], [(name, float) for name in ("time", *held)])
+    steps = {"stop_time": count * PERIOD, "step_size": PERIOD, "output_interval": PERIOD}
+    found = fmpy.simulate_fmu(str(tmp_path / "arm.fmu"), input=signals, output=outputs, **steps)
+    u = np.zeros((count + 1, arm.nu))
+    for name, value in held.items():
+        u[:, arm.index(name)] = value
+    x = arm.rollout(arm.rest([0.0, 0.0]), u[:count], PERIOD, exact=True)
+    truth = arm.outputs(x, u)
+    assert np.ptp(truth["tip"], axis=0).max() > 1e-3
+    for k, axis in enumerate("xyz"):
+        assert np.abs(found[f"tip_{axis}"] - truth["tip"][:, k]).max() < 1e-9
+        assert np.abs(found[f"tip_velocity_{axis}"] - truth["tip_velocity"][:, k]).max() < 1e-9
+        assert np.abs(found[f"tip_angular_velocity_{axis}"] - truth["tip_velocity"][:, 3 + k]).max() < 1e-9
 
 
 def test_the_verdict_is_in_the_unit_and_the_changes_are_listed(robot: CorrectedRobot, tmp_path: Path) -> None:

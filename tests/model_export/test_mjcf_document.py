@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -67,7 +68,7 @@ def test_mujoco_accelerates_as_the_model_does(build: Builder, robot: str, error:
         assert theirs == pytest.approx(ours, rel=error, abs=error * np.abs(ours).max())
 
 
-def test_urdf_has_the_mass_matrix_and_the_weight(build: Builder, tmp_path) -> None:
+def test_urdf_has_the_mass_matrix_and_the_weight(build: Builder, tmp_path: Path) -> None:
     """Read by Pinocchio, which knows nothing of rotors: they are added by hand."""
     arm = load_frictionless(build, RIGID)
     written = write_urdf(CorrectedRobot("robot.toml", arm, arm), tmp_path / "robot.urdf")

@@ -9,6 +9,7 @@ import pytest
 from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
+from hdagen.adoption.verdict import apply_verdict, read_verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.model_export.corrected_robot import CorrectedRobot
 from hdagen.model_export.joint_numbers import HELD_EFFECTS, list_unheld_effects
@@ -16,6 +17,7 @@ from hdagen.model_export.mjcf_writer import write
 from hdagen.model_export.mujoco_proof import Proof, ProofLog
 
 EFFECTS = tuple(sorted(HELD_EFFECTS - {"coulomb_friction", "viscous_friction", "joint_damping", "missing_compliance"}))
+UNHELD = "stribeck_friction"
 LEAST_SHARE = 0.9  # of the fall of our own gap
 CASES: dict[str, dict[str, float]] = {  # factors of base parameters, values of the effects' own
     "coulomb_friction": {"coulomb_friction_1": 2.0, "coulomb_friction_2": 1.5},
@@ -40,7 +42,7 @@ CASES: dict[str, dict[str, float]] = {  # factors of base parameters, values of 
 
 @pytest.fixture(scope="module")
 def arm(build: Callable[..., Compiled]) -> Arm:
-    return Arm(build(FLEXIBLE, effects=EFFECTS).folder)
+    return Arm(build(FLEXIBLE, effects=(*EFFECTS, UNHELD)).folder)
 
 
 def prove_case(arm: Arm, case: dict[str, float], out: Path) -> Proof:
@@ -73,6 +75,44 @@ def test_an_export_of_the_wrong_numbers_does_not_hold(arm: Arm, tmp_path: Path) 
     assert proof is not None and proof.closed_share is None
     assert proof.gaps[1] > 5 * proof.gaps[0]
     assert "nothing to prove" in proof.sentence
+
+
+def test_without_friction_mujoco_errs_hardly_more_than_our_model(arm: Arm, tmp_path: Path) -> None:
+    smooth = arm.with_parameters(arm.p)
+    smooth.parameters.update(coulomb_friction_1=0.0, coulomb_friction_2=0.0)
+    robot = CorrectedRobot("robot.toml", smooth, smooth)
+    proof = write(robot, tmp_path / "robot.xml", prove=ProofLog(simulated(smooth), None, (), False)).proof
+    assert proof is not None
+    assert proof.gaps[1] < 1.5 * proof.gaps[3]
+
+
+def test_the_remainder_of_what_mujoco_lacks_is_stated(arm: Arm, tmp_path: Path) -> None:
+    """A payload, which it holds, and a Stribeck curve, which it does not: the share that stays there is within a factor
+    of 1.5 of the stated one."""
+    causes = [
+        {"effect": "payload", "joint": 2, "parameters": {"payload_mass": {"value": 0.1}}},
+        {
+            "effect": UNHELD,
+            "joint": 1,
+            "parameters": {
+                "stribeck_torque": {"value": 0.012},
+                "stribeck_speed": {"value": 15.0},
+                "stribeck_sharpness": {"value": 2.0},
+            },
+        },
+    ]
+    names = [f"{cause['effect']}@{cause['joint']}" for cause in causes]
+    stated = read_verdict({"schema": 2, "verdict": names, "causes": causes})
+    true = apply_verdict(arm, stated)[0]
+    robot = CorrectedRobot("robot.toml", arm, true, stated)
+    written = write(robot, tmp_path / "robot.xml", prove=ProofLog(simulated(true), None, (), False))
+    assert written.proof is not None
+    gaps, share = written.proof.gaps, written.proof.left_shares[f"{UNHELD}@1"]
+    remainder = (gaps[1] - gaps[3]) / (gaps[2] - gaps[3])
+    assert share > 0.1
+    assert share / 1.5 < remainder < 1.5 * share
+    assert f"{100 * share:.0f} %" in written.left_out[f"{UNHELD}@1"]
+    assert "payload@2" not in written.left_out
 
 
 def test_what_mujoco_lacks_is_known(arm: Arm) -> None:

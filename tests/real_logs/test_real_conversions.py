@@ -214,7 +214,7 @@ def test_what_a_loop_makes_up_for_does_not_swing_the_joint(
     path = recorded(data_dir, f"kinova_gen3_sedki/jointwise_motion/joint_{joint}_trapez.csv")[0]
     run("kinova/convert.py", path, joint, tmp_path / "log.parquet")
     robot = EXAMPLES / "kinova" / f"joint_{joint}.toml"
-    said = run("kinova/cycles.py", robot, tmp_path / "log.parquet", cycles, builds=tmp_path)
+    said = run("kinova/cycles.py", robot, tmp_path / "log.parquet", cycles)
     order, _, torque, beside, angle, _, alone = said.splitlines()[-1].replace("(", "").replace(")", "").split()
     assert float(order) == cycles and float(torque) > 5 * float(beside)
     assert low <= float(angle) / float(alone) < high

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -141,10 +143,32 @@ def make_log(seconds: float, seed: int) -> dict[str, np.ndarray]:
     return columns
 
 
+def describe_truth(identity: str | None = None) -> dict[str, Any]:
+    """A diagnosis.json that states the leg as it is."""
+    causes = []
+    for j in (1, 2):
+        for effect, key, value in (
+            ("coulomb_friction", "coulomb_friction", TRUE["frictionloss"][j - 1]),
+            ("viscous_friction", "viscous_friction", TRUE["damping"][j - 1]),
+            ("command_delay", "command_delay", DELAY),
+        ):
+            parameters = {key: {"value": value, "std": 0.01 * value}}
+            causes.append({"effect": effect, "joint": j, "probability": 1.0, "parameters": parameters})
+    names = [f"{cause['effect']}@{cause['joint']}" for cause in causes]
+    inertia = {f"motor_inertia_{j}": {"value": TRUE["armature"][j - 1], "std": 1e-4} for j in (1, 2)}
+    content = {"schema": 2, "verdict": names, "causes": causes, "parameters": inertia}
+    content["hypotheses"] = [{"effects": names, "probability": 0.9}, {"effects": names[:-1], "probability": 0.1}]
+    if identity is not None:
+        content["robot"] = {"name": "leg", "identity": identity, "sha256": None}
+    return content
+
+
 def write_leg(folder: Path, seconds: tuple[float, float] = (12.0, 6.0), trust: float = 1.0) -> None:
-    """The files that the user of the leg has: leg.xml, leg.toml, log.parquet, held.parquet and controller.toml."""
+    """The files that the user of the leg has: leg.xml, leg.toml, log.parquet, held.parquet and controller.toml,
+    and a diagnosis.json that states the truth."""
     (folder / "leg.xml").write_text(write_model({"frictionloss": STATED["frictionloss"]}, 0.001), encoding="utf-8")
     (folder / "leg.toml").write_text(write_robot(trust), encoding="utf-8")
     (folder / "controller.toml").write_text(write_controller(), encoding="utf-8")
     write(make_log(seconds[0], 1), folder / "log.parquet")
     write(make_log(seconds[1], 2), folder / "held.parquet")
+    (folder / "diagnosis.json").write_text(json.dumps(describe_truth()), encoding="utf-8")

@@ -24,6 +24,10 @@ int hda_flat_bytes(void) {
     return (int)sizeof(hda_controller);
 }
 
+int hda_flat_wrench(void) {
+    return HDA_WRENCH;
+}
+
 int hda_flat_parameter_count(void) {
     return HDA_NP;
 }

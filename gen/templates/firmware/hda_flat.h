@@ -18,6 +18,7 @@ extern "C" {
 
 HDA_API int hda_flat_joints(void);
 HDA_API int hda_flat_bytes(void);
+HDA_API int hda_flat_wrench(void);
 
 /* Lengths of the parameters p, of the limits, and of a law's gains and reference; -1 where there is no such law. */
 HDA_API int hda_flat_parameter_count(void);
@@ -39,7 +40,8 @@ HDA_API int hda_flat_gains(int law, double *gains);
 HDA_API int hda_flat_configure(void *controller, int law, const double *p, const double *gains, int safe,
                                const double *limits);
 
-/* One tick: torques in N m at the motors are always written. tip_force has 2 entries. stamp: when it was measured. */
+/* One tick: torques in N m at the motors are always written. tip_force has hda_flat_wrench() entries, in space the
+ * moment after the force. stamp: when it was measured. */
 HDA_API int hda_flat_tick(void *controller, double now, double stamp, const double *motor_position,
                           const double *motor_velocity, const double *joint_position, const double *joint_velocity,
                           const double *motor_torque, const double *tip_force, const double *reference, double *torque);

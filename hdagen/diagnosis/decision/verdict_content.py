@@ -16,9 +16,11 @@ from hdagen.arm.arm_parameters import Parameter
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.decision.decision_settings import DECISION
+from hdagen.diagnosis.decision.file_trust import describe_factor
 from hdagen.diagnosis.decision.identifiability import Identifiability
 from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
+from hdagen.diagnosis.inference.candidate_priors import Candidate
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_ranking import first_with_columns
@@ -37,7 +39,7 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
 
     """
     best = decision.best
-    place = {atom.name: atom.place for fit in found.fits for atom in fit.sensitivities.candidates.members}
+    members = {atom.name: atom for fit in found.fits for atom in fit.sensitivities.candidates.members}
     named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown@"))
     likely = {name: decision.marginal_probability(name) for name in named}
     whole = best
@@ -47,6 +49,34 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
     unseen: Sequence[str] | None = decision.undetectable
     if unseen is None:
         unseen = told.find_undetectable()
+    return {
+        "schema": SCHEMA,
+        "verdict": list(decision.verdict),
+        "sure": decision.is_sure,
+        "where": [_locate_entry(entry, members) for entry in decision.verdict],
+        "causes": _describe_causes(decision, likely, told, members),
+        "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
+        "parameters": estimate_base_parameters(best),
+        "undetectable": [name for name in unseen if name not in decision.verdict],
+        "tried": sorted(members),
+        "method": {
+            "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
+            "uncalibrated_probability": decision.uncalibrated_probability,
+            "present_size": CANDIDATES.present_size,
+            "most_doubt": DECISION.sure_below,
+            "strained": list(decision.strained_numbers),
+            "nuisance_width": best.sensitivities.candidates.spike_scale,
+            "unexplained_torque": best.score.posterior.s,
+            "noise_scale": math.sqrt(best.score.posterior.noise_level),
+        },
+    }
+
+
+def _describe_causes(
+    decision: Decision, likely: Mapping[str, float], told: Identifiability, members: Mapping[str, Candidate]
+) -> list[dict[str, Any]]:
+    """All candidates that were tried, the most probable first."""
+    arm = decision.best.sensitivities.shooting.arm
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         others = [
@@ -56,29 +86,17 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
         ]
         if name in decision.verdict and name in told.columns and not decision.is_long_horizon:
             others += told.find_confusable(name)
-        others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
-        experiments = suggest_experiments(best.sensitivities.shooting.arm.effects, name, others)
-        causes.append(_describe_cause(name, likely[name], _list_parameters(name, decision), others, experiments))
-    return {
-        "schema": SCHEMA,
-        "verdict": list(decision.verdict),
-        "sure": decision.is_sure,
-        "where": [_locate_entry(entry, place.get(entry, "motor")) for entry in decision.verdict],
-        "causes": causes,
-        "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
-        "parameters": estimate_base_parameters(best),
-        "undetectable": [name for name in unseen if name not in decision.verdict],
-        "tried": sorted(place),
-        "method": {
-            "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
-            "uncalibrated_probability": decision.uncalibrated_probability,
-            "present_size": CANDIDATES.present_size,
-            "most_doubt": DECISION.sure_below,
-            "nuisance_width": best.sensitivities.candidates.spike_scale,
-            "unexplained_torque": best.score.posterior.s,
-            "noise_scale": math.sqrt(best.score.posterior.noise_level),
-        },
-    }
+        same = {*decision.verdict, *decision.combinations.get(name, ())}
+        others = [o for o in dict.fromkeys(others) if o not in same]
+        experiments = suggest_experiments(arm.effects, name, others)
+        parameters = _list_parameters(name, decision)
+        cause = _describe_cause(name, likely[name], parameters, others, experiments)
+        if name in members:
+            cause["parameters"] |= describe_factor(members[name], arm.parameters.described, parameters)
+        if name in decision.combinations:
+            cause["combination"] = list(decision.combinations[name])
+        causes.append(cause)
+    return causes
 
 
 def _compute_alternative_probability(decision: Decision, name: str, other: str) -> float:
@@ -97,8 +115,11 @@ def _compute_alternative_probability(decision: Decision, name: str, other: str) 
     )
 
 
-def _locate_entry(entry: str, place: str) -> dict[str, Any]:
+def _locate_entry(entry: str, members: Mapping[str, Candidate]) -> dict[str, Any]:
     """Joint and place of an effect; its share, and when it acts, are filled in later."""
+    place = "motor"
+    if entry in members:
+        place = members[entry].place
     return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "interval": None, "when": ""}
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hdagen.adoption.verdict import FACTOR
 from hdagen.diagnosis.report.report_settings import REPORT
 from hdagen.pages.quantity import Quantity, format_fixed, format_number, scale_quantity
 
@@ -236,7 +237,10 @@ def list_sizes(cause: Mapping[str, Any]) -> list[SizeChange]:
     every = [
         SizeChange(name, one.get("file"), one["value"], one["std"], one["unit"])
         for name, one in cause["parameters"].items()
+        if name != FACTOR
     ]
+    if FACTOR in cause["parameters"]:
+        return [_size_number(every[0], cause["parameters"][FACTOR])]
     sizes = [one for one in every if one.std is not None and one.value != one.file] or every[:1]
     by_name = {one.name: one for one in sizes}
     found = []
@@ -250,6 +254,14 @@ def list_sizes(cause: Mapping[str, Any]) -> list[SizeChange]:
             size = math.hypot(sine.value, cosine.value)
             found.append(SizeChange(f"{stem}_amplitude", None, size, spread or None, one.unit))
     return found
+
+
+def _size_number(change: SizeChange, factor: Mapping[str, Any]) -> SizeChange:
+    """The number that the robot file states, as the factor has it: an inertia may be lumped there."""
+    std = None
+    if factor["std"] is not None:
+        std = factor["std"] * abs(factor["file"])
+    return SizeChange(change.name, factor["file"], factor["value"] * factor["file"], std, change.unit)
 
 
 def say_effect(entry: str, content: Mapping[str, Any], *, with_sizes: bool = True) -> str:

@@ -15,6 +15,11 @@ from hdagen.diagnosis.report.gap_words import (
     format_multiple,
     list_named_effects,
 )
+from hdagen.diagnosis.report.number_sentences import (
+    say_combinations,
+    say_overconfidence,
+    say_strained_numbers,
+)
 from hdagen.diagnosis.report.report_settings import REPORT
 from hdagen.pages.quantity import format_number
 
@@ -30,7 +35,7 @@ def write_verdict(content: dict[str, Any]) -> str:
 
     """
     said = ": ".join(part for part in (write_headline(content), say_doubt(content)) if part)
-    said += _say_probability(content)
+    said = f"{say_overconfidence(content)}{said}{_say_probability(content)}"
     if not content["sure"] and not content["contradicted"]:
         said += "; this is not sure"
     text = f"{said}. {_say_gap(content)}{_compare_with_best(content['gap'])}."
@@ -71,6 +76,7 @@ def list_remarks(content: dict[str, Any]) -> list[str]:
     said = []
     if content["contradicted"]:
         said.append(say_contradiction(content["contradicted"]))
+    said += [say_combinations(content), say_strained_numbers(content)]
     for remark in (_say_repairs, _say_remainder, _say_moments, _say_bounds, _say_nuisance_effect, _say_unmoved_joints):
         said += [remark(content)]
     return [one for one in said if one]

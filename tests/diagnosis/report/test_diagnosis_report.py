@@ -22,6 +22,7 @@ from hostile_names import NAME, check_escaped
 from replayed import FLEXIBLE, RIGID, simulated
 
 from gen.effects import ALL
+from gen.effects.file_numbers import FILE_NUMBERS
 from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.adoption.verdict import read_verdict
 from hdagen.arm.arrays import Array
@@ -53,7 +54,7 @@ from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import Replay, replay
 
 Builder = Callable[..., Compiled]
-NAMES = tuple(effect.name for effect in ALL)
+NAMES = tuple(one.name for one in (*ALL, *FILE_NUMBERS))
 TRUTHS = {  # what is put into a log, as name@joint, and in which words its regime must be named
     "coulomb_friction@2": ({"coulomb_friction": 0.045}, "motor's speed"),
     "stribeck_friction@2": ({"stribeck_torque": 0.02, "stribeck_speed": 5.0}, "motor's speed"),
@@ -85,7 +86,7 @@ PLACES = {
 @pytest.fixture(scope="module")
 def arm(build: Builder) -> Arm:
     """The flexible arm with every effect."""
-    return Arm(build(FLEXIBLE, effects=NAMES).folder)
+    return Arm(build(FLEXIBLE, effects=tuple(effect.name for effect in ALL)).folder)
 
 
 def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, float] | None = None) -> dict[str, Any]:
