@@ -57,7 +57,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Campaigns are skipped unless asked for."""
     if not config.getoption("--campaign"):
         for item in items:
-            if "campaign" in item.keywords:
+            if item.get_closest_marker("campaign") is not None:
                 item.add_marker(pytest.mark.skip(reason="a campaign; run it with --campaign"))
 
 

@@ -41,6 +41,10 @@ class CompileError(Exception):
     """No compiler, or a compiler that failed; the sentence shows the command and its words."""
 
 
+class MissingCompilerError(CompileError):
+    """There is no C compiler that works."""
+
+
 @dataclass(frozen=True)
 class Compiler:
     """A C compiler: its command, and the version that it prints."""
@@ -57,7 +61,7 @@ def find_compiler() -> Compiler:
         The compiler.
 
     Raises:
-        CompileError: There is none that works.
+        MissingCompilerError: There is none that works.
 
     """
     named = os.environ.get("CC", "").strip()
@@ -65,10 +69,12 @@ def find_compiler() -> Compiler:
         try:
             command = tuple(shlex.split(named))
         except ValueError as error:
-            raise CompileError(f"$CC: found {named}, which is no command ({error}); correct or unset it.") from None
+            said = f"$CC: found {named}, which is no command ({error}); correct or unset it."
+            raise MissingCompilerError(said) from None
         version, why = _ask_version(command)
         if not version:
-            raise CompileError(f"$CC: found {named}, which is no C compiler that works ({why}); correct or unset it.")
+            said = f"$CC: found {named}, which is no C compiler that works ({why}); correct or unset it."
+            raise MissingCompilerError(said)
         if os.sep in command[0]:  # it is called from other folders
             command = (os.path.abspath(command[0]), *command[1:])
         return Compiler(command, version)
@@ -78,7 +84,7 @@ def find_compiler() -> Compiler:
         if version:
             return Compiler(command, version)
     tried = ", ".join(shlex.join(command) for command in candidates)
-    raise CompileError(
+    raise MissingCompilerError(
         f"no C compiler: tried {tried}. Install gcc or clang (Debian, Ubuntu: apt install gcc; Fedora: dnf install "
         "gcc; macOS: xcode-select --install), or the wheel with `pip install 'hdagen[cc]'`, or name one in $CC."
     )
@@ -152,7 +158,7 @@ def compile_library(folder: Path, sources: list[str], profile: str, name: str, k
 
     """
     made = [source.replace(".c", ".o") for source in sources]
-    shared: tuple[str, ...] = ("-shared",)
+    shared: tuple[str, ...] = ("-shared", "-Wl,-Bsymbolic")  # another library's functions never take its own's place
     if sys.platform == "darwin":
         shared = ("-dynamiclib", "-undefined", "dynamic_lookup")
     link = (*find_compiler().command, *shared, "-o", name, *made, "-lm")

@@ -52,6 +52,8 @@ def emit_sizes(model: Model, c: int, build: str, lanes: bool, reference: int | N
         "HDA_NX": len(model.x_slots),
         "HDA_MECHANICAL": 2 * (model.n + len(model.flexible)),
         "HDA_NU": len(model.u_slots),
+        "HDA_TIP": len(model.chain.axes),
+        "HDA_WRENCH": len(model.u_slots) - model.n,
         "HDA_NP": len(model.quantities),
         "HDA_NC": c,
         "HDA_STIFF": int(model.needs_stiff_step),

@@ -39,6 +39,7 @@ EFFECT = Effect(
     ),
     joints="first",
     suits_prismatic_joint=False,
+    suits_joint_in_space=False,
     experiment=Experiment(
         "shake the tip with the motors held", "gives way beneath the first joint, unseen by encoders"
     ),

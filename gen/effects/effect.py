@@ -143,6 +143,7 @@ class Effect:
         suits_rigid_drive: Whether it has a meaning in a rigid drive.
         joints: Where it is stated: "each" joint, the "first" or the "last" only, or the "arm" as a whole (joint 0).
         suits_prismatic_joint: Whether it has a meaning at a prismatic joint.
+        suits_joint_in_space: Whether its equation holds at a joint of a chain that leaves the plane.
         usual_shares: Of amplitudes that are keys of the robot file, the difference from nominal that is usually met,
             as a share of it.
         guessed_keys: Of these keys those that a robot file often guesses, so that the true value may be any multiple.
@@ -168,6 +169,7 @@ class Effect:
     suits_rigid_drive: bool = True
     joints: str = "each"
     suits_prismatic_joint: bool = True
+    suits_joint_in_space: bool = True
     usual_shares: Mapping[str, float] = field(default_factory=dict, hash=False)
     guessed_keys: tuple[str, ...] = ()
     experiment: Experiment = field(kw_only=True)

@@ -41,6 +41,7 @@ EFFECT = Effect(
     equation=compute_gravity,
     citation="Lagrangian of the chain (`gen.model.lagrangian`); size: 5° of 9.81 m/s²",
     joints="arm",
+    suits_joint_in_space=False,
     experiment=Experiment(
         "hold still at several poses across the range", "follows the pose's lever about an upright axis, too"
     ),

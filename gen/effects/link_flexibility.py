@@ -42,6 +42,7 @@ EFFECT = Effect(
         State("bending_speed", "rad/s", 10.0, "speed of the oscillator"),
     ),
     suits_prismatic_joint=False,
+    suits_joint_in_space=False,
     experiment=Experiment(
         "shake the arm up to 25 Hz with two payloads", "rings behind the encoder, slower with more payload"
     ),

@@ -29,6 +29,7 @@ EFFECT = Effect(
     ),
     amplitudes=("coupling",),
     equation=compute_reaction,
+    suits_joint_in_space=False,
     citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, the term that is dropped there; size: whole",
     experiment=Experiment("move the joints before this one hard while it is held", "follows their acceleration"),
     plot=Plot(PlotKind.RESIDUAL, Abscissa.FIRST_JOINT_ACCELERATION),

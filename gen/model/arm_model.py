@@ -10,6 +10,7 @@ lanes; only the chain couples the joints.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -17,8 +18,8 @@ import casadi as ca
 from gen.effects.effect import Effect, Port, Signals
 from gen.model import harmonic_drive as drive
 from gen.model.drive_equations import DriveOutputs, DriveSymbols, write_drive_equations
-from gen.model.kinematic_chain import Chain
 from gen.model.model_quantities import list_inputs, list_quantities, list_states, memory_step_quantity
+from gen.model.robot_chain import make_chain
 from gen.robot.description import Robot
 
 SX = ca.SX
@@ -31,7 +32,7 @@ class Model:
         self.robot, self.effects = robot, effects
         self.n = len(robot.joints)
         self.joints = range(1, self.n + 1)
-        self.chain = Chain([joint.kind for joint in robot.joints])
+        self.chain = make_chain(robot)
         self.flexible = tuple(j for j in self.joints if not robot.joints[j - 1].drive.rigid)
         self.rigid = tuple(j for j in self.joints if robot.joints[j - 1].drive.rigid)
         self.plan = drive.plan_inverse([robot.joints[j - 1].drive for j in self.flexible])
@@ -71,6 +72,8 @@ class Model:
             The joints' numbers from 1; (0,) for the arm as a whole.
 
         """
+        if not self._acts_here(effect):
+            return ()
         if effect.joints == "arm":
             return (0,)
         chosen: tuple[int, ...] = {"first": (1,), "last": (self.n,)}.get(effect.joints, tuple(self.joints))
@@ -82,6 +85,10 @@ class Model:
             if (effect.suits_rigid_drive or j in self.flexible)
             and (effect.suits_prismatic_joint or self.robot.joints[j - 1].kind == "revolute")
         )
+
+    def _acts_here(self, effect: Effect) -> bool:
+        """Whether the effect's equation holds in a chain like this one."""
+        return effect.suits_joint_in_space or not self.robot.in_space
 
     def state_symbol(self, name: str) -> Any:
         """Find the symbol of a state.
@@ -108,8 +115,8 @@ class Model:
         return ca.vertcat(*(self.state_symbol(f"joint_velocity_{j}") for j in self.joints))
 
     @property
-    def force(self) -> Any:
-        """Force of the world on the tip, base frame, N (2)."""
+    def wrench(self) -> Any:
+        """Force of the world on the tip, N, and in space its moment, N m, in the base frame (2, or 6 in space)."""
         return self.u[self.n :]
 
     def joint_symbols(self, j: int) -> dict[str, Any]:
@@ -263,7 +270,10 @@ class Model:
             The mass matrix (n × n), kg m² or kg.
 
         """
-        M = self.chain.mass_matrix(self.q, self.chain_parameters(), trig)
+        return self._add_rotors(self.chain.mass_matrix(self.q, self.chain_parameters(), trig))
+
+    def _add_rotors(self, M: Any) -> Any:
+        """A mass matrix with the rotors of rigid drives added."""
         for j in self.rigid:
             p = self.joint_parameters(j)
             row = SX.zeros(1, self.n)
@@ -289,7 +299,7 @@ class Model:
             meaning for stopped joints only.
 
         """
-        load = self._acting_load(drives, trig)
+        load = self._acting_load(drives, trig, [0] * self.n)
         M = self.total_mass_matrix(trig)
         released: list[Any] = [1] * self.n  # 1 where a motor moves, 0 where it is stopped
         if sliding is None:
@@ -302,22 +312,52 @@ class Model:
             held = ca.diag(ca.vertcat(*moves))
             accelerations = solve_symmetric(held @ M @ held + SX.eye(self.n) - held, ca.vertcat(*moves) * load)
         rest = load - M @ accelerations
-        motor, hold = [], []
+        hold = []
         for j in self.joints:
             p, d = self.joint_parameters(j), drives[j]
             if j in self.rigid:
                 hold.append(rest[j - 1] / p["ratio"])
-                continue
-            carried = self.carried_motion(j, p, accelerations)
-            motor.append((d.acceleration - carried) * released[j - 1])
-            hold.append(d.net_torque - p["motor_inertia"] * carried)
+            else:
+                hold.append(d.net_torque - p["motor_inertia"] * self.carried_motion(j, p, accelerations))
+        return self.state_rate(drives, accelerations, released), ca.vertcat(*hold)
+
+    def state_rate(self, drives: dict[int, DriveOutputs], accelerations: Any, released: Sequence[Any]) -> Any:
+        """Write the rate of x.
+
+        Args:
+            drives: The drive of each joint by its number.
+            accelerations: Accelerations of the joints (n).
+            released: 1 where a motor moves, 0 where it is stopped (n).
+
+        Returns:
+            The rate of x.
+
+        """
+        motor = []
+        for j in self.flexible:
+            carried = self.carried_motion(j, self.joint_parameters(j), accelerations)
+            motor.append((drives[j].acceleration - carried) * released[j - 1])
         speeds = [self.state_symbol(f"motor_velocity_{j}") for j in self.flexible]
         pending = {j: list(drives[j].rates) for j in self.joints}
         rates = [pending[j].pop(0) for _, _, j in self.effect_states]
-        return ca.vertcat(*speeds, self.v, *motor, accelerations, *rates), ca.vertcat(*hold)
+        return ca.vertcat(*speeds, self.v, *motor, accelerations, *rates)
 
-    def _acting_load(self, drives: dict[int, DriveOutputs], trig: Any) -> Any:
-        """Torques that accelerate the joints (n, N m or N): the drives', less the chain's at no acceleration."""
+    def unbalanced_load(self, drives: dict[int, DriveOutputs], accelerations: Any) -> Any:
+        """Write the torques that a motion lacks: inverse dynamics, of which the true accelerations leave 0.
+
+        Args:
+            drives: The drive of each joint by its number.
+            accelerations: Accelerations of the joints (n).
+
+        Returns:
+            The torques (n), N m or N.
+
+        """
+        rotors = self._add_rotors(SX.zeros(self.n, self.n))
+        return self._acting_load(drives, None, ca.vertsplit(accelerations)) - rotors @ accelerations
+
+    def _acting_load(self, drives: dict[int, DriveOutputs], trig: Any, accelerations: Sequence[Any]) -> Any:
+        """Torques of the drives, less those that the chain needs for its accelerations (n, N m or N)."""
         forces = []
         for j in self.joints:
             torque = drives[j].joint_torque
@@ -330,8 +370,8 @@ class Model:
             if reaction is not None:
                 load = load - reaction.T * drives[j].net_torque
         chain = self.chain_parameters()
-        field, force = (chain["gravity_x"], chain["gravity_y"]), (self.force[0], self.force[1])
-        return load - self.chain.newton_euler(self.q, self.v, [0] * self.n, chain, field, force, trig)
+        field, wrench = self.chain.gravity(chain), ca.vertsplit(self.wrench)
+        return load - self.chain.newton_euler(self.q, self.v, accelerations, chain, field, wrench, trig)
 
 
 def solve_symmetric(M: Any, b: Any) -> Any:
@@ -358,3 +398,19 @@ def solve_symmetric(M: Any, b: Any) -> Any:
     for i in reversed(range(n)):
         a[i] = y[i] / D[i] - sum(L[k, i] * a[k] for k in range(i + 1, n))
     return ca.vertcat(*a)
+
+
+def invert_symmetric(M: Any) -> Any:
+    """Invert a matrix by the factors L D Lᵀ, unrolled.
+
+    Args:
+        M: Symmetric positive definite matrix (n × n).
+
+    Returns:
+        The inverse (n × n).
+
+    """
+    n = M.shape[0]
+    columns = ca.horzcat(*(solve_symmetric(M, SX.eye(n)[:, k]) for k in range(n)))
+    upper = [[columns[min(i, k), max(i, k)] for k in range(n)] for i in range(n)]
+    return ca.vertcat(*(ca.horzcat(*row) for row in upper))

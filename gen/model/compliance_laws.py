@@ -11,6 +11,7 @@ Sources: paper (20)–(26) corrected; Khatib, IEEE J. Robot. Autom. 3 (1987) 43 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -206,6 +207,7 @@ def _solve_columns(M: Any, b: Any) -> Any:
 
 
 LAW_BUILDERS = (position_law, impedance_cartesian, impedance_joint, admittance_cartesian, admittance_joint)
+SPACE_LAW_BUILDERS = (position_law, impedance_joint, admittance_joint)  # those whose reference is the joints'
 
 
 def make_laws(model: Model, c: Any) -> tuple[Law, ...]:
@@ -216,7 +218,10 @@ def make_laws(model: Model, c: Any) -> tuple[Law, ...]:
         c: The symbols of its constants.
 
     Returns:
-        The controllers, in the order of `LAW_BUILDERS`.
+        The controllers, in the order of `LAW_BUILDERS`; of a chain in space those of `SPACE_LAW_BUILDERS`.
 
     """
-    return tuple(law(model, c) for law in LAW_BUILDERS)
+    builders: tuple[Callable[[Model, Any], Law], ...] = LAW_BUILDERS
+    if model.chain.in_space:
+        builders = SPACE_LAW_BUILDERS
+    return tuple(law(model, c) for law in builders)

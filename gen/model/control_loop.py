@@ -67,7 +67,7 @@ class ArmEstimate:
     phi: list[Any]  # torsions, rad
     phi_rate: list[Any]  # rad/s
     torque: list[Any]  # joint torques from the torsions, N m
-    force: Any  # of the world on the tip, N
+    force: Any  # of the world on the tip, N, in space with its moment, N m
     disturbance: list[Any]  # disturbances at the rotors, N m at the motor
 
 
@@ -93,7 +93,7 @@ class ControlLoop:
         filters = ("last_motor_position", "last_joint_position", "motor_velocity", "joint_velocity", "observed")
         self.state_names = tuple(f"{f}_{j}" for f in filters for j in model.joints) + memory
         self.state = SX.sym("state", len(self.state_names))
-        self.measured = SX.sym("measured", 2 * n + 2)  # θ, q, tip force
+        self.measured = SX.sym("measured", 2 * n + model.wrench.numel())  # θ, q, tip force
         self.sent = SX.sym("sent", n)
 
     def split_reference(self) -> tuple[Any, Any, Any]:

@@ -55,13 +55,14 @@ def _torque_estimate(model: Model, c: Any) -> EmittedFunction:
 
 
 def _force_map(model: Model, c: Any) -> EmittedFunction:
-    """(JJᵀ)⁻¹ J N, by rows: the map to the force that the guard limits.
+    """(JJᵀ)⁻¹ J N, J without rotations, by rows: the map to the force that the guard limits.
 
     Near singular poses it grows without bound, and so does that force.
     """
     q = SX.sym("q", model.n)
-    J = model.chain.tip_jacobian(q, model.chain_parameters())
-    square = J @ J.T + 1e-12 * SX.eye(2)
+    axes = len(model.chain.axes)
+    J = model.chain.tip_jacobian(q, model.chain_parameters())[:axes, :]
+    square = J @ J.T + 1e-12 * SX.eye(axes)
     ratios = ca.diag(ca.vertcat(*(model.joint_parameters(j)["ratio"] for j in model.joints)))
     columns = [solve_symmetric(square, (J @ ratios)[:, j]) for j in range(model.n)]
     return EmittedFunction(

@@ -1,12 +1,13 @@
-"""The planar chain of rigid links: kinematics, mass matrix, recursion of forces.
+"""The serial chain of rigid links in space: its links as numbers and names of parameters, and where they are.
 
-Legend: q joint positions, v velocities, a accelerations (n×1 each); s, c sine and cosine of each revolute q;
-L length, m mass, r centre of mass from the joint's axis, I inertia about the centre of mass; g gravity (2).
-Everything is computed link by link in the link's own frame (x along the link), so only the relative angles enter.
+Legend: q joint positions, v velocities (n each); s, c sine and cosine of each revolute q. The frame of a joint moves
+with its link: a revolute joint turns it about its own z, a prismatic joint slides it along its own x.
 
-A revolute joint turns its link; a prismatic joint slides it along its own x and has no length.
-Sources: Newton–Euler recursion and composite bodies as in Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5
-and 6, restricted to the plane; paper (18)–(21). `gen.model.lagrangian` derives the same from the Lagrangian.
+Fixed transforms are numbers and fold away where they are 0 or ±1 (`gen.model.spatial_vectors`). A chain that moves in
+the plane has the forces and velocities of the plane alone: its tip has two coordinates, that in space has six.
+
+Source: Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 4; paper (18)–(21). `gen.model.lagrangian` derives
+the same from the Lagrangian.
 """
 
 from __future__ import annotations
@@ -17,25 +18,129 @@ from typing import Any
 
 import casadi as ca
 
+from gen.model.spatial_vectors import (
+    IDENTITY,
+    NO_VECTOR,
+    Inertia,
+    Matrix,
+    Vector,
+    add_terms,
+    add_vectors,
+    cross_vectors,
+    multiply_matrix,
+    multiply_terms,
+    rotate_about_z,
+    rotate_back_about_z,
+    rotate_inertia,
+    subtract_terms,
+    transpose_matrix,
+)
+
 Parameters = Mapping[str, Any]
 SinesAndCosines = tuple[Sequence[Any], Sequence[Any]]
+Entry = float | str  # a number, or the name of a parameter
+
+PLANE_AXES = ("x", "y")
+SPACE_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class ChainLink:
+    """A joint with its link.
+
+    Attributes:
+        kind: "revolute" or "prismatic".
+        rotation: Components in the frame before of a vector given in the joint's, at q = 0.
+        origin: The joint in the frame before, m.
+        mass: Name of the link's mass, kg.
+        center_of_mass: In the frame that the robot file states, from the joint, m.
+        inertia: About the centre of mass in that frame (xx, yy, zz, xy, xz, yz), kg m².
+        turn: Components in the joint's frame of a vector given in the stated one.
+
+    """
+
+    kind: str
+    rotation: Matrix
+    origin: tuple[Entry, Entry, Entry]
+    mass: str
+    center_of_mass: tuple[Entry, Entry, Entry]
+    inertia: tuple[Entry, Entry, Entry, Entry, Entry, Entry]
+    turn: Matrix = IDENTITY
+
+
+@dataclass(frozen=True)
+class ChainTip:
+    """The tip in the last joint's frame: ``origin``, m, and ``rotation``, as in `ChainLink`."""
+
+    origin: tuple[Entry, Entry, Entry]
+    rotation: Matrix = IDENTITY
 
 
 @dataclass(frozen=True)
 class Body:
-    """A link with everything that is fixed to it: mass, first moment along x, inertia about the joint's axis."""
+    """A link with everything that is fixed to it: mass, first moment and inertia about the joint's origin."""
 
     mass: Any
-    first_moment: Any
-    inertia: Any
+    first_moment: Vector
+    inertia: Inertia
+
+    def add_mass(self, mass: Any, place: Vector) -> Body:
+        """Fix a point mass to the body.
+
+        Args:
+            mass: The mass, kg.
+            place: Its place, m.
+
+        Returns:
+            The body with the mass.
+
+        """
+
+        def second_moment(i: int, k: int) -> Any:
+            return multiply_terms(multiply_terms(mass, place[i]), place[k])
+
+        x, y, z = (add_terms(self.first_moment[k], multiply_terms(mass, place[k])) for k in range(3))
+        xx, yy, zz, xy, xz, yz = self.inertia
+        inertia = (
+            add_terms(xx, add_terms(second_moment(1, 1), second_moment(2, 2))),
+            add_terms(yy, add_terms(second_moment(0, 0), second_moment(2, 2))),
+            add_terms(zz, add_terms(second_moment(0, 0), second_moment(1, 1))),
+            subtract_terms(xy, second_moment(0, 1)),
+            subtract_terms(xz, second_moment(0, 2)),
+            subtract_terms(yz, second_moment(1, 2)),
+        )
+        return Body(add_terms(self.mass, mass), (x, y, z), inertia)
 
 
-class Chain:
-    """Planar serial chain of ``kinds`` ("revolute" or "prismatic"), base first."""
+def planar_links(kinds: Sequence[str]) -> tuple[tuple[ChainLink, ...], ChainTip]:
+    """Describe the links of a chain in the plane, each along its own x with the next joint at its end.
 
-    def __init__(self, kinds: Sequence[str]) -> None:
-        self.kinds = tuple(kinds)
-        self.n = len(self.kinds)
+    Args:
+        kinds: "revolute" or "prismatic" for each joint, base first; a prismatic joint has no length.
+
+    Returns:
+        The links, and the tip at the end of the last one.
+
+    """
+    links, end = [], NO_VECTOR
+    for j, kind in enumerate(kinds, 1):
+        inertia: Any = (0, 0, f"inertia_{j}", 0, 0, 0)
+        links.append(ChainLink(kind, IDENTITY, end, f"mass_{j}", (f"center_of_mass_{j}", 0, 0), inertia))
+        end = NO_VECTOR
+        if kind != "prismatic":
+            end = (f"length_{j}", 0, 0)
+    return tuple(links), ChainTip(end)
+
+
+class KinematicChain:
+    """A serial chain: the places of its joints and its tip, and how they move."""
+
+    def __init__(self, links: Sequence[ChainLink], tip: ChainTip, in_space: bool) -> None:
+        self.links, self.tip, self.in_space = tuple(links), tip, in_space
+        self.n = len(self.links)
+        self.axes: tuple[str, ...] = PLANE_AXES
+        if in_space:
+            self.axes = SPACE_AXES
 
     def is_prismatic(self, j: int) -> bool:
         """Tell whether a joint slides.
@@ -47,36 +152,42 @@ class Chain:
             True where the joint is prismatic, False where it is revolute.
 
         """
-        return self.kinds[j] == "prismatic"
+        return self.links[j].kind == "prismatic"
 
     # -- parameters -------------------------------------------------------------------------------------------------
 
-    def _length(self, j: int, p: Parameters) -> Any:
-        if self.is_prismatic(j):
-            return 0
-        return p[f"length_{j + 1}"]
-
-    def rigid_bodies(self, p: Parameters) -> list[Body]:
-        """Find the links about their joints' axes.
+    def tip_offset(self, p: Parameters) -> Vector:
+        """Find the tip in the last joint's frame.
 
         Args:
-            p: The parameters by name; ``tip_mass`` (kg, optional) is a point at the end of the last link.
+            p: The parameters by name.
+
+        Returns:
+            The tip, m.
+
+        """
+        return _find_vector(self.tip.origin, p)
+
+    def rigid_bodies(self, p: Parameters) -> list[Body]:
+        """Find the links about their joints' origins.
+
+        Args:
+            p: The parameters by name; ``tip_mass`` (kg, optional) is a point at the tip.
 
         Returns:
             The links, base first.
 
         """
         bodies = []
-        for j in range(self.n):
-            m, r = p[f"mass_{j + 1}"], p[f"center_of_mass_{j + 1}"]
-            bodies.append(Body(m, m * r, p[f"inertia_{j + 1}"] + m * r * r))
-        extra = p.get("tip_mass", 0)
-        length = self._length(self.n - 1, p)
-        last = bodies[-1]
-        bodies[-1] = Body(last.mass + extra, last.first_moment + extra * length, last.inertia + extra * length * length)
+        for link in self.links:
+            own = tuple(_find_value(entry, p) for entry in link.inertia)
+            about_center = Body(0, NO_VECTOR, rotate_inertia(link.turn, own))
+            center = multiply_matrix(link.turn, _find_vector(link.center_of_mass, p))
+            bodies.append(about_center.add_mass(p[link.mass], center))
+        bodies[-1] = bodies[-1].add_mass(p.get("tip_mass", 0), self.tip_offset(p))
         return bodies
 
-    # -- geometry ---------------------------------------------------------------------------------------------------
+    # -- frames -----------------------------------------------------------------------------------------------------
 
     def sines_and_cosines(self, q: Any) -> SinesAndCosines:
         """Find sine and cosine of the revolute joints' angles; 0 and 1 for prismatic joints.
@@ -95,28 +206,74 @@ class Chain:
                 sines[j], cosines[j] = ca.sin(q[j]), ca.cos(q[j])
         return sines, cosines
 
-    def _rotate_into_frame(self, j: int, trig: SinesAndCosines, x: Any, y: Any) -> tuple[Any, Any]:
-        """Components in frame j of a vector given in frame j − 1."""
-        if self.is_prismatic(j):
-            return x, y
-        s, c = trig[0][j], trig[1][j]
-        return c * x + s * y, c * y - s * x
+    def rotate_into_frame(self, j: int, trig: SinesAndCosines, a: Vector) -> Vector:
+        """Find the components in a joint's frame of a vector given in the frame before.
 
-    def _rotate_out_of_frame(self, j: int, trig: SinesAndCosines, x: Any, y: Any) -> tuple[Any, Any]:
-        """Components in frame j − 1 of a vector given in frame j."""
-        if self.is_prismatic(j):
-            return x, y
-        s, c = trig[0][j], trig[1][j]
-        return c * x - s * y, s * x + c * y
+        Args:
+            j: The joint's place, 0 for the first.
+            trig: Sines and cosines (`sines_and_cosines`).
+            a: The vector in the frame before.
 
-    def _offset_to_frame(self, j: int, q: Any, p: Parameters) -> Any:
-        """Distance from the origin of frame j − 1 to that of frame j, along x of frame j − 1."""
-        before = 0
-        if j > 0:
-            before = self._length(j - 1, p)
+        Returns:
+            The vector in the joint's frame.
+
+        """
+        return rotate_back_about_z(trig[0][j], trig[1][j], multiply_matrix(transpose_matrix(self.links[j].rotation), a))
+
+    def rotate_out_of_frame(self, j: int, trig: SinesAndCosines, a: Vector) -> Vector:
+        """Find the components in the frame before of a vector given in a joint's frame.
+
+        Args:
+            j: The joint's place, 0 for the first.
+            trig: Sines and cosines (`sines_and_cosines`).
+            a: The vector in the joint's frame.
+
+        Returns:
+            The vector in the frame before.
+
+        """
+        return multiply_matrix(self.links[j].rotation, rotate_about_z(trig[0][j], trig[1][j], a))
+
+    def offset_to_frame(self, j: int, q: Any, p: Parameters) -> Vector:
+        """Find the origin of a joint's frame in the frame before.
+
+        Args:
+            j: The joint's place, 0 for the first.
+            q: Joint positions (n), rad or m.
+            p: The parameters by name.
+
+        Returns:
+            The origin, m.
+
+        """
+        offset = _find_vector(self.links[j].origin, p)
         if self.is_prismatic(j):
-            return before + q[j]
-        return before
+            along = self.sliding_direction(j)
+            x, y, z = (add_terms(offset[k], multiply_terms(along[k], q[j])) for k in range(3))
+            return (x, y, z)
+        return offset
+
+    def sliding_direction(self, j: int) -> Vector:
+        """Find the direction in which a prismatic joint slides.
+
+        Args:
+            j: The joint's place, 0 for the first.
+
+        Returns:
+            The unit vector in the frame before.
+
+        """
+        x, y, z = (row[0] for row in self.links[j].rotation)
+        return (x, y, z)
+
+    def _find_place(self, first: int, j: int, trig: SinesAndCosines, q: Any, p: Parameters, place: Vector) -> Vector:
+        """The place in frame ``first`` − 1 (0: the base) of a point given in the frame of joint j."""
+        for k in reversed(range(first, j + 1)):
+            place = self.rotate_out_of_frame(k, trig, place)
+            place = add_vectors(place, self.offset_to_frame(k, q, p))
+        return place
+
+    # -- tip and joints ---------------------------------------------------------------------------------------------
 
     def joint_origins(self, q: Any, p: Parameters) -> Any:
         """Find where the joints and the tip are.
@@ -126,19 +283,14 @@ class Chain:
             p: The parameters by name.
 
         Returns:
-            Origins of the joints, then the tip ((n + 1) × 2), in the base frame, m.
+            Origins of the joints, then the tip ((n + 1) × 2, or × 3 in space), in the base frame, m.
 
         """
-        trig = self.sines_and_cosines(q)
+        trig, ends = self.sines_and_cosines(q), [*([NO_VECTOR] * self.n), self.tip_offset(p)]
         rows = []
-        for end in range(self.n + 1):
-            x, y = 0, 0
-            if end == self.n:
-                x = self._length(self.n - 1, p)
-            for j in reversed(range(min(end + 1, self.n))):
-                x, y = self._rotate_out_of_frame(j, trig, x, y)
-                x = x + self._offset_to_frame(j, q, p)
-            rows.append(ca.horzcat(x, y))
+        for end, place in enumerate(ends):
+            found = self._find_place(0, min(end, self.n - 1), trig, q, p, place)
+            rows.append(ca.horzcat(*found[: len(self.axes)]))
         return ca.vertcat(*rows)
 
     def tip_position(self, q: Any, p: Parameters) -> Any:
@@ -149,10 +301,27 @@ class Chain:
             p: The parameters by name.
 
         Returns:
-            The tip in the base frame (2), m.
+            The tip in the base frame (2, or 3 in space), m.
 
         """
         return self.joint_origins(q, p)[self.n, :].T
+
+    def tip_rotation(self, q: Any) -> Any:
+        """Find how the tip is turned.
+
+        Args:
+            q: Joint positions (n), rad or m.
+
+        Returns:
+            Components in the base frame of a vector given in the tip's frame (3 × 3).
+
+        """
+        trig, columns = self.sines_and_cosines(q), []
+        for axis in transpose_matrix(self.tip.rotation):
+            for k in reversed(range(self.n)):
+                axis = self.rotate_out_of_frame(k, trig, axis)  # noqa: PLW2901 - it moves from frame to frame
+            columns.append(ca.vertcat(*axis))
+        return ca.horzcat(*columns)
 
     def tip_jacobian(self, q: Any, p: Parameters) -> Any:
         """Find the Jacobian of the tip.
@@ -162,27 +331,25 @@ class Chain:
             p: The parameters by name.
 
         Returns:
-            ∂tip/∂q (2 × n) in the base frame.
+            Velocity of the tip by v, in the base frame: (2 × n), or in space (6 × n), below it the angular velocity.
 
         """
-        trig = self.sines_and_cosines(q)
-        columns = []
+        trig, columns = self.sines_and_cosines(q), []
         for j in range(self.n):
-            x, y = self._length(self.n - 1, p), 0
-            for k in reversed(range(j + 1, self.n)):  # the tip as seen from the origin of frame j
-                x, y = self._rotate_out_of_frame(k, trig, x, y)
-                x = x + self._offset_to_frame(k, q, p)
-            if self.is_prismatic(j):
-                x, y = 1, 0
-            else:
-                x, y = -y, x
+            turn: Vector = NO_VECTOR
+            move: Vector = (1, 0, 0)
+            if not self.is_prismatic(j):
+                turn = (0, 0, 1)
+                seen = self._find_place(j + 1, self.n - 1, trig, q, p, self.tip_offset(p))  # from the joint's frame
+                move = cross_vectors(turn, seen)
             for k in reversed(range(j + 1)):
-                x, y = self._rotate_out_of_frame(k, trig, x, y)
-            columns.append(ca.vertcat(x, y))
+                move, turn = self.rotate_out_of_frame(k, trig, move), self.rotate_out_of_frame(k, trig, turn)
+            rows = (*move, *turn) if self.in_space else move[:2]
+            columns.append(ca.vertcat(*rows))
         return ca.horzcat(*columns)
 
     def inverse_branches(self, point: Any, p: Parameters) -> Any:
-        """Find both inverse branches of the arm of two revolute joints, paper (21) corrected.
+        """Find both inverse branches of the arm of two revolute joints in the plane, paper (21) corrected.
 
         Out of reach the cosine is outside [−1, 1] and every entry is NaN, so no posture is ever invented.
 
@@ -197,8 +364,8 @@ class Chain:
             ValueError: The arm is another one.
 
         """
-        if self.kinds != ("revolute", "revolute"):
-            raise ValueError("the closed inverse is that of two revolute joints")
+        if not self.has_closed_inverse:
+            raise ValueError("the closed inverse is that of two revolute joints in the plane")
         l1, l2 = p["length_1"], p["length_2"]
         x, y = point[0], point[1]
         elbow = ca.acos((x * x + y * y - l1 * l1 - l2 * l2) / (2 * l1 * l2))
@@ -207,152 +374,19 @@ class Chain:
             columns.append(ca.vertcat(ca.atan2(y, x) - ca.atan2(l2 * ca.sin(q2), l1 + l2 * ca.cos(q2)), q2))
         return ca.horzcat(*columns)
 
-    # -- dynamics ---------------------------------------------------------------------------------------------------
+    @property
+    def has_closed_inverse(self) -> bool:
+        """Whether `inverse_branches` knows the chain."""
+        return not self.in_space and [link.kind for link in self.links] == ["revolute", "revolute"]
 
-    def newton_euler(
-        self,
-        q: Any,
-        v: Any,
-        a: Any,
-        p: Parameters,
-        gravity: Any,
-        force: Any = (0, 0),
-        trig: SinesAndCosines | None = None,
-    ) -> Any:
-        """Find the joint torques of a motion by the recursion of Newton and Euler.
 
-        Args:
-            q: Joint positions (n), rad or m.
-            v: Joint velocities (n).
-            a: Joint accelerations (n).
-            p: The parameters by name.
-            gravity: Gravity in the base frame (2), m/s².
-            force: Force F of the world on the tip in the base frame (2), N.
-            trig: Sine and cosine of the joints' angles (`trig`); None makes them from q.
+def _find_value(entry: Entry, p: Parameters) -> Any:
+    """A number as it is, a parameter by its name."""
+    if isinstance(entry, str):
+        return p[entry]
+    return entry
 
-        Returns:
-            M a + C v + g − Jᵀ F (n), N m or N.
 
-        """
-        trig = trig or self.sines_and_cosines(q)
-        bodies = self.rigid_bodies(p)
-        spin, spun = 0, 0  # angular velocity and acceleration of the frame
-        ax, ay = -gravity[0], -gravity[1]
-        fx, fy = force[0], force[1]
-        pulls: list[tuple[Any, Any, Any]] = []
-        for j, body in enumerate(bodies):
-            reach = self._offset_to_frame(j, q, p)
-            ax, ay = (
-                ax - spin * spin * reach,
-                ay + spun * reach,
-            )  # acceleration of the origin of frame j, in frame j − 1
-            if self.is_prismatic(j):
-                ax, ay = ax + a[j], ay + 2 * spin * v[j]
-            else:
-                spin, spun = spin + v[j], spun + a[j]
-            ax, ay = self._rotate_into_frame(j, trig, ax, ay)
-            fx, fy = self._rotate_into_frame(j, trig, fx, fy)
-            pulls.append(
-                (
-                    body.mass * ax - body.first_moment * spin * spin,
-                    body.mass * ay + body.first_moment * spun,
-                    body.inertia * spun + body.first_moment * ay,
-                )
-            )
-        px, py, pn = -fx, -fy, -self._length(self.n - 1, p) * fy
-        torques: list[Any] = []
-        for j in reversed(range(self.n)):
-            px, py, pn = px + pulls[j][0], py + pulls[j][1], pn + pulls[j][2]
-            torques.append(self._along_joint(j, px, pn))
-            px, py = self._rotate_out_of_frame(j, trig, px, py)
-            pn = pn + self._offset_to_frame(j, q, p) * py
-        return ca.vertcat(*reversed(torques))
-
-    def _along_joint(self, j: int, force: Any, moment: Any) -> Any:
-        """The component that a joint feels, of a force along x and a moment about its axis."""
-        if self.is_prismatic(j):
-            return force
-        return moment
-
-    def mass_matrix(self, q: Any, p: Parameters, trig: SinesAndCosines | None = None) -> Any:
-        """Find the mass matrix of the links by composite bodies; reflected rotors are not in it.
-
-        Args:
-            q: Joint positions (n), rad or m.
-            p: The parameters by name.
-            trig: Sine and cosine of the joints' angles (`trig`); None makes them from q.
-
-        Returns:
-            M(q) (n × n), kg m² or kg.
-
-        """
-        trig = trig or self.sines_and_cosines(q)
-        bodies = self.rigid_bodies(p)
-        M = ca.SX.zeros(self.n, self.n)
-        mass, hx, hy, inertia = 0, 0, 0, 0  # everything outboard, about the origin of frame j
-        for j in reversed(range(self.n)):
-            mass, hx, inertia = mass + bodies[j].mass, hx + bodies[j].first_moment, inertia + bodies[j].inertia
-            # force and moment that accelerate the composite body along joint j
-            if self.is_prismatic(j):
-                fx, fy, moment = mass, 0, -hy
-            else:
-                fx, fy, moment = -hy, hx, inertia
-            M[j, j] = self._along_joint(j, fx, moment)
-            for k in reversed(range(j)):
-                fx, fy = self._rotate_out_of_frame(k + 1, trig, fx, fy)
-                moment = moment + self._offset_to_frame(k + 1, q, p) * fy
-                M[k, j] = M[j, k] = self._along_joint(k, fx, moment)
-            if j > 0:
-                hx, hy = self._rotate_out_of_frame(j, trig, hx, hy)
-                reach = self._offset_to_frame(j, q, p)
-                inertia = inertia + reach * (2 * hx + reach * mass)
-                hx = hx + reach * mass
-        return M
-
-    def gravity_torque(self, q: Any, p: Parameters) -> Any:
-        """Find the torque that holds the arm at rest.
-
-        Args:
-            q: Joint positions (n), rad or m.
-            p: The parameters by name.
-
-        Returns:
-            g(q) (n), N m or N.
-
-        """
-        zero = [0] * self.n
-        return self.newton_euler(q, zero, zero, p, (p["gravity_x"], p["gravity_y"]))
-
-    def bias_torque(self, q: Any, v: Any, p: Parameters) -> Any:
-        """Find the torque of a motion without acceleration.
-
-        Args:
-            q: Joint positions (n), rad or m.
-            v: Joint velocities (n).
-            p: The parameters by name.
-
-        Returns:
-            C(q, v) v + g(q) (n), N m or N.
-
-        """
-        return self.newton_euler(q, v, [0] * self.n, p, (p["gravity_x"], p["gravity_y"]))
-
-    def coriolis_matrix(self, q: Any, v: Any, p: Parameters) -> Any:
-        """Find the Coriolis matrix by Christoffel symbols, so that dM/dt − 2C is skew.
-
-        Args:
-            q: Joint positions (n), rad or m.
-            v: Joint velocities (n).
-            p: The parameters by name.
-
-        Returns:
-            C(q, v) (n × n).
-
-        """
-        M = self.mass_matrix(q, p)
-        slopes = [ca.reshape(ca.jacobian(ca.vec(M), q[k]), self.n, self.n) for k in range(self.n)]
-        C = ca.SX.zeros(self.n, self.n)
-        for i in range(self.n):
-            for j in range(self.n):
-                C[i, j] = sum((slopes[k][i, j] + slopes[j][i, k] - slopes[i][j, k]) * v[k] for k in range(self.n)) / 2
-        return C
+def _find_vector(entries: tuple[Entry, Entry, Entry], p: Parameters) -> Vector:
+    x, y, z = (_find_value(entry, p) for entry in entries)
+    return (x, y, z)

@@ -1,11 +1,11 @@
-"""The planar arm from its Lagrangian, in SymPy: the second opinion on the graph of ``gen.model.kinematic_chain``.
+"""The planar arm from its Lagrangian, in SymPy: the second opinion on the graph of ``gen.model.chain_dynamics``.
 
 Legend: q coordinates, v = q̇, M mass matrix, C Coriolis matrix, g gravity, T and V kinetic and potential energy,
 θ motor angle, φ torsion, U(φ) energy stored in a drive's springs, τ = U′(φ) joint torque.
 
     L = T − V   gives   M(q) q̈ + C(q, q̇) q̇ + g(q) + s(τ) = torques applied along q
 
-Nothing is shared with ``gen.model.kinematic_chain``: there forces are passed from link to link in link frames, here the
+Nothing is shared with ``gen.model.chain_dynamics``: there forces are passed from link to link in link frames, here the
 positions of the centres of mass in the base frame are differentiated and nothing else. No code is made from this file.
 
 Source: Spong, Hutchinson, Vidyasagar, Robot Modeling and Control (2006), ch. 7, for the Christoffel symbols;

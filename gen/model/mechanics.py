@@ -43,6 +43,10 @@ def emit_kinematics(model: Model, c: Any) -> list[EmittedFunction]:
             "∂tip/∂q (2 × n, column by column), velocity of the tip, and dJ/dt q̇",
         ),
     ]
+    if chain.in_space:
+        pose = {"position": chain.tip_position(q, p), "rotation": chain.tip_rotation(q)}
+        meaning = "position of the tip, m, and its rotation, column by column: components in the base frame"
+        out.append(EmittedFunction(make_dense_function("tip_pose", {"q": q, "c": c}, pose), meaning))
     a = SX.sym("a", model.n)
     angle, rate = encoder_readings(model, q, v, a)
     out.append(
@@ -54,7 +58,7 @@ def emit_kinematics(model: Model, c: Any) -> list[EmittedFunction]:
         )
     )
     out.append(_emit_torsion(model, c))
-    if chain.kinds == ("revolute", "revolute"):
+    if chain.has_closed_inverse:
         point = SX.sym("point", 2)
         both = chain.inverse_branches(point, p)
         out.append(
@@ -129,8 +133,8 @@ def emit_dynamics(model: Model, c: Any) -> list[EmittedFunction]:
     drives = {j: model.drive_outputs(j, model.joint_parameters(j)) for j in model.joints}
     kinetic, potential = _arm_energy(model, drives)
     xc, qvc = {"x": x, "c": c}, {"q": qs, "v": vs, "c": c}
-    force = SX.sym("tip_force", 2)
-    torque = chain.newton_euler(qs, vs, a, p, (p["gravity_x"], p["gravity_y"]), (force[0], force[1]))
+    force = SX.sym("tip_force", model.wrench.numel())
+    torque = chain.newton_euler(qs, vs, a, p, chain.gravity(p), ca.vertsplit(force))
     return [
         EmittedFunction(
             make_dense_function(
@@ -217,17 +221,10 @@ def _arm_energy(model: Model, drives: dict[int, DriveOutputs]) -> tuple[Any, Any
         potential = potential + own["stiffness_level"] * harmonic_drive.spring_energy(
             drives[j].spring_torque, harmonic_drive.spring_constants(own)
         )
-    points = model.chain.joint_origins(q, p)
-    bodies = model.chain.rigid_bodies(p)
-    absolute = SX(0)
-    for j in model.joints:
-        if model.robot.joints[j - 1].kind == "revolute":
-            absolute = absolute + q[j - 1]
-        com = [
-            bodies[j - 1].mass * points[j - 1, k] + bodies[j - 1].first_moment * f(absolute)
-            for k, f in ((0, ca.cos), (1, ca.sin))
-        ]
-        potential = potential - p["gravity_x"] * com[0] - p["gravity_y"] * com[1]
+    moments = model.chain.mass_moments(q, p)
+    for link in range(model.n):
+        for axis, field in enumerate(model.chain.gravity(p)):
+            potential = potential - field * moments[link, axis]
     return kinetic, potential
 
 

@@ -6,14 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gen.effects.effect import Effect, Parameter, State
+from gen.effects.file_numbers import FILE_NUMBERS, USUAL_ERROR
 from gen.model.harmonic_drive import SPRING_SPREAD
 from gen.robot import typical_loads
 from gen.robot.description import Robot, Value
 from gen.robot.gear_catalogue import SPRING_KEYS
-from gen.robot.model_parameters import ParameterValue, list_parameters
+from gen.robot.model_parameters import AXES, ParameterValue, list_parameters
 from gen.robot.schema import keys_of
 
+FILE_NUMBER_NAMES = frozenset(number.name for number in FILE_NUMBERS)
 TIP_FORCE = 100.0  # N, along each axis, up to which the model is meant to be used
+TIP_MOMENT = 20.0  # N m, the same
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class Quantity:
     is_reading_delay: bool = False
     encoder_term: str | None = None
     equivalent: str | None = None
+    offset: float = 0.0  # with it, the number that the robot file states: of a lumped inertia mass·center_of_mass²
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ def list_states(robot: Robot, effect_states: Sequence[tuple[State, int]]) -> tup
 
 
 def list_inputs(robot: Robot) -> tuple[Slot, ...]:
-    """List the entries of u: the current (or torque) of each motor, then the force on the tip.
+    """List the entries of u: the current (or torque) of each motor, then the force on the tip, in space its moment.
 
     Args:
         robot: The robot description.
@@ -97,7 +101,11 @@ def list_inputs(robot: Robot) -> tuple[Slot, ...]:
         if joint.drive.torque_constant is None:
             name, unit = "motor_torque", "N m"
         slots.append(Slot(f"{name}_{j}", unit, typical_loads.largest_input(robot, j)))
-    return (*slots, Slot("tip_force_x", "N", TIP_FORCE), Slot("tip_force_y", "N", TIP_FORCE))
+    axes = AXES[: len(robot.gravity)]
+    slots += [Slot(f"tip_force_{axis}", "N", TIP_FORCE) for axis in axes]
+    if robot.in_space:
+        slots += [Slot(f"tip_moment_{axis}", "N m", TIP_MOMENT) for axis in axes]
+    return tuple(slots)
 
 
 # -- parameters -------------------------------------------------------------------------------------------------------
@@ -153,8 +161,10 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
     if key in SPRING_KEYS:  # where the springs' inverse keeps its error, and a robot file may state them
         low = max(min(low, value.nominal), value.nominal / SPRING_SPREAD)
         high = min(max(high, value.nominal), value.nominal * SPRING_SPREAD)
-    name, typical, is_guess = None, None, False
-    if key in amplitude_of:
+    name, typical, everywhere, is_guess = None, None, None, False
+    if key in FILE_NUMBER_NAMES and (stated := value.nominal + value.offset):  # wrong by a factor, which 0 has not
+        name, typical, everywhere, is_guess = key, USUAL_ERROR * abs(stated), 0.0, True
+    elif key in amplitude_of:
         effect = amplitude_of[key]
         is_guess = key in effect.guessed_keys
         name, typical = effect.name, effect.usual_shares[key] * typical_loads.usual_size(robot, value.joint, key)
@@ -170,7 +180,9 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
         name,
         "base",
         typical,
+        everywhere,
         is_guess=is_guess,
+        offset=value.offset,
     )
 
 

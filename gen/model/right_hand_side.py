@@ -10,7 +10,7 @@ import casadi as ca
 
 from gen.effects.effect import Port
 from gen.model import harmonic_drive, input_effects, mechanics
-from gen.model.arm_model import Model
+from gen.model.arm_model import Model, invert_symmetric
 from gen.model.drive_equations import DriveOutputs
 from gen.model.emitted_function import EmittedFunction, make_dense_function
 
@@ -18,6 +18,10 @@ SX = ca.SX
 DRIVE_PORTS = {  # ports whose effects stand in the graph of one drive
     Port.WARMTH, Port.FRICTION, Port.MOTOR, Port.TORSION, Port.PLAY, Port.SERIES, Port.TRANSMISSION, Port.LINK,
 }  # fmt: skip
+
+
+LANE_WIDTHS = (2, 4, 8)
+WIDEST_LANE = LANE_WIDTHS[-1]
 
 
 @dataclass(frozen=True)
@@ -224,7 +228,7 @@ def _group_joints(model: Model) -> list[tuple[int, ...]]:
         joint = model.robot.joints[j - 1]
         acting = tuple(e.name for e in model.effects if e.port in DRIVE_PORTS and j in model.joints_of_effect(e))
         kinds.setdefault((joint.drive.rigid, joint.kind, joint.drive.torque_constant is None, acting), []).append(j)
-    return [tuple(joints) for joints in kinds.values()]
+    return [tuple(joints[k : k + WIDEST_LANE]) for joints in kinds.values() for k in range(0, len(joints), WIDEST_LANE)]
 
 
 def _state_names(model: Model, j: int) -> list[str]:
@@ -247,7 +251,7 @@ def _lane_outputs(model: Model, j: int, d: DriveOutputs) -> tuple[list[Any], lis
 
 
 def _make_lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
-    width = next(w for w in (2, 4, 8) if w >= len(joints))
+    width = next(w for w in LANE_WIDTHS if w >= len(joints))
     first, index = joints[0], {s.name: k for k, s in enumerate(model.x_slots)}
     s = SX.sym("s")
     smooth, _ = _lane_outputs(model, first, model.drive_outputs(first, model.joint_parameters(first)))
@@ -328,26 +332,37 @@ def _hand_over(model: Model, lanes: tuple[Lane, ...], sliding: Any) -> Any:
 
 
 def _rate_jacobians(model: Model) -> list[Any]:
-    """∂ẋ/∂x, ∂ẋ/∂u, ∂ẋ/∂p. The springs' inverse is differentiated by the implicit function theorem, so the derivative
-    is that of the law itself, at τ = 0 too, and carries nothing of the iteration."""
+    """∂ẋ/∂x, ∂ẋ/∂u, ∂ẋ/∂p, differentiated neither through an iteration nor through a factorisation.
+
+    With r the load that a motion lacks, ∂a/∂w is M⁻¹ ∂r/∂w at the accelerations a. The springs' inverse is
+    differentiated by the implicit function theorem, so the derivative is that of the law itself, at τ = 0 too.
+    """
     spring = {j: SX.sym(f"spring_{j}") for j in model.flexible}
     drives = {j: model.drive_outputs(j, model.joint_parameters(j), spring_torque=spring.get(j)) for j in model.joints}
-    rate, _ = model.equations_of_motion(drives)
+    a = SX.sym("a", model.n)
+    load, rate = model.unbalanced_load(drives, a), model.state_rate(drives, a, [1] * model.n)
+    inverse = invert_symmetric(model.total_mass_matrix())
     law = {j: harmonic_drive.spring_constants(model.joint_parameters(j)) for j in model.flexible}
-    solved = [
+    torques = [
         harmonic_drive.spring_torque(drives[j].effective_torsion, law[j], model.inverse_symbols[j], model.plan)
         for j in model.flexible
     ]
+    first = [s.name for s in model.x_slots].index("joint_velocity_1")
+    accelerations = model.equations_of_motion(drives)[0][first : first + model.n]
     out = []
     for w in (model.x, model.u, model.p):
-        total = ca.jacobian(rate, w)
+        by_load, by_rate = ca.jacobian(load, w), ca.jacobian(rate, w)
         for j in model.flexible:
             slack = ca.jacobian(
                 drives[j].effective_torsion - harmonic_drive.spring_torsion(spring[j], law[j]), w
             ) / harmonic_drive.spring_compliance(spring[j], law[j])
-            total = total + ca.jacobian(rate, spring[j]) @ slack
+            by_load, by_rate = (
+                by + ca.jacobian(of, spring[j]) @ slack for by, of in ((by_load, load), (by_rate, rate))
+            )
+        total = by_rate + ca.jacobian(rate, a) @ (inverse @ by_load)
+        total = ca.substitute(total, a, accelerations)
         if spring:
-            total = ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*solved))
+            total = ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*torques))
         out.append(total)
     return out
 

@@ -8,6 +8,7 @@ from keyword import iskeyword
 from typing import Any
 
 from gen.effects.effect import Effect, Port
+from gen.robot import space_checks
 from gen.robot.description import StatedEffect, Value
 from gen.robot.gear_catalogue import CATALOGUE, DATA_SHEET_KEYS, largest_stiffness_ratio
 from gen.robot.schema import MAX_JOINTS, SUBTABLES, Key, KeyNeed, Range, ValueKind, keys_of
@@ -98,6 +99,7 @@ def check_top(table: Mapping[str, Any], reading: RobotFileReader) -> Values:
         reading.add_problem(
             "name", f"found {show_value(name)}, possible is anything but a word of C or Python; add a word to it"
         )
+    space_checks.check_gravity(values, space_checks.uses_long_form(table), reading)
     return values
 
 
@@ -110,6 +112,7 @@ def check_joints(table: Mapping[str, Any], reading: RobotFileReader) -> list[dic
 
     Returns:
         The values of each joint, base first: its own keys under "joint", and "drive", "limits", "sensor".
+        In the long form the own keys are those of "joint in space".
 
     """
     raw = table.get("joint", [])
@@ -122,14 +125,22 @@ def check_joints(table: Mapping[str, Any], reading: RobotFileReader) -> list[dic
         reading.add_problem(
             "joint", f"found {len(raw)} joints, possible are 1 to {MAX_JOINTS}; write one [[joint]] for each"
         )
-    return [_check_joint(one, f"joint[{number}]", reading) for number, one in enumerate(raw[:MAX_JOINTS], 1)]
+    in_space = space_checks.uses_long_form(table)
+    joints = [
+        _check_joint(one, f"joint[{number}]", in_space, reading) for number, one in enumerate(raw[:MAX_JOINTS], 1)
+    ]
+    space_checks.check_joint_names(joints, reading)
+    return joints
 
 
-def _check_joint(raw: Any, place: str, reading: RobotFileReader) -> dict[str, Values]:
-    values = {"joint": reading.read_table(raw, "joint", place)}
+def _check_joint(raw: Any, place: str, in_space: bool, reading: RobotFileReader) -> dict[str, Values]:
     if not isinstance(raw, Mapping):
-        return values | {name: {} for name in SUBTABLES["joint"]}
-    _check_link(raw, values["joint"], place, reading)
+        return {"joint": reading.read_table(raw, "joint", place)} | {name: {} for name in SUBTABLES["joint"]}
+    if in_space:
+        values = {"joint": space_checks.read_joint_in_space(raw, place, reading)}
+    else:
+        values = {"joint": reading.read_table(raw, "joint", place)}
+        _check_link(raw, values["joint"], place, reading)
     for name in ("limits", "sensor"):
         values[name] = reading.read_table(raw.get(name, {}), f"joint.{name}", f"{place}.{name}")
     if "drive" not in raw:
@@ -341,6 +352,10 @@ def _check_effect_joint(
         reading.add_problem(
             key_path(place, "joint"), f"found {joint}, possible for {effect.name} is {possible}{which}; correct it"
         )
+    elif not effect.suits_joint_in_space and joints and "origin" in joints[0]["joint"]:
+        where = f"joint {joint}" if joint else "the arm"
+        has = f"found {joint}, {where}, which moves in space, possible for {effect.name} is a chain in the plane"
+        reading.add_problem(key_path(place, "joint"), f"{has}; remove the effect")
     elif joint:
         _check_effect_drive(effect, joint, joints[joint - 1], key_path(place, "joint"), reading)
 

@@ -69,17 +69,62 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class Joint:
-    """A joint with its link. ``inertia`` is about the centre of mass (negative possible only where the file lumps)."""
+class PlanarLink:
+    """A link of the short form, along x of its joint.
 
-    kind: str  # "revolute" or "prismatic"
+    Attributes:
+        length: To the next joint or the tip, m.
+        center_of_mass: From the joint's axis, m.
+        inertia: About the centre of mass, kg m² (negative possible only where the file lumps).
+        is_lumped: Whether the file states it about the joint: a way to write it, and no part of the robot's meaning.
+
+    """
+
     length: Value
-    mass: Value
     center_of_mass: Value
     inertia: Value
+    is_lumped: bool = False
+
+
+@dataclass(frozen=True)
+class SpatialLink:
+    """A link of the long form, with the frame of its joint.
+
+    Attributes:
+        origin: The joint's frame in the frame before, m.
+        rotation: The same as a unit quaternion w, x, y, z.
+        axis: Unit vector of the joint in its frame.
+        center_of_mass: In the joint's frame, m.
+        inertia: About the centre of mass in the joint's frame, xx, yy, zz, xy, xz, yz, kg m².
+
+    """
+
+    origin: tuple[float, ...]
+    rotation: tuple[float, ...]
+    axis: tuple[float, ...]
+    center_of_mass: tuple[Value, ...]
+    inertia: tuple[Value, ...]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint with its link; ``name`` is its label, empty where the file states none."""
+
+    kind: str  # "revolute" or "prismatic"
+    mass: Value
+    link: PlanarLink | SpatialLink
     drive: Drive
     limits: Limits
     sensor: Sensor
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Tip:
+    """The tip in the last joint's frame: origin, m, and unit quaternion w, x, y, z."""
+
+    origin: tuple[float, ...]
+    rotation: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -106,13 +151,19 @@ class Robot:
 
     name: str
     slug: str  # matches ^[a-z][a-z0-9_]{0,47}$; the only form of the name that reaches a path
-    gravity: tuple[Value, Value]
+    gravity: tuple[Value, ...]  # along x and y of the plane, or in space
     tolerance: float
     step: float  # s, integration step the model is meant for
     force_noise: float  # N
     joints: tuple[Joint, ...]
     effects: tuple[StatedEffect, ...]
     source: Path
+    tip: Tip | None = None  # of a chain in space
+
+    @property
+    def in_space(self) -> bool:
+        """Whether the joints stand in space."""
+        return self.tip is not None
 
 
 def describe_robot(robot: Robot) -> dict[str, Any]:
@@ -127,6 +178,13 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
     """
     description = _to_plain_json(asdict(robot))
     del description["source"]
+    if not robot.in_space:
+        del description["tip"]
+    for joint in description["joints"]:
+        joint |= joint.pop("link")  # noqa: PLW2901 - a joint's keys stand side by side, as in the file
+        joint.pop("is_lumped", None)
+        if not joint["name"]:
+            del joint["name"]
     description["effects"] = [effect for effect in description["effects"] if not effect.pop("assumed")]
     return description
 

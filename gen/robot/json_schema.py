@@ -15,6 +15,7 @@ from gen.effects import ALL
 from gen.effects.effect import Effect
 from gen.robot.gear_catalogue import DATA_SHEET_KEYS
 from gen.robot.schema import MAX_JOINTS, Key, KeyNeed, Range, ValueKind, describe_range, keys_of
+from gen.robot.trust import TOLERANCES
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 LONGEST_NAME = 80  # characters of a robot's name
@@ -31,11 +32,14 @@ def build_json_schema() -> JsonSchema:
     """
     top = _build_table("")
     top["properties"]["name"] |= {"minLength": 1, "maxLength": LONGEST_NAME}
-    joints = {"type": "array", "items": _build_joint(), "minItems": 1, "maxItems": MAX_JOINTS}
+    joints = {"type": "array", "minItems": 1, "maxItems": MAX_JOINTS}
+    forms = [joints | {"items": _build_joint()}, joints | {"items": _build_joint_in_space()}]
     effects = {"type": "array", "items": {"anyOf": [_build_effect(effect) for effect in ALL]}}
-    top["properties"] |= {"joint": joints, "effect": effects}
+    top["properties"] |= {"joint": joints, "effect": effects, "tip": _build_table("tip")}
     top["required"].append("joint")
-    return {"$schema": DIALECT, "title": "robot.toml", **top}
+    flat = {"properties": {"joint": forms[0], "tip": False, "gravity": {"maxItems": 2}}}
+    deep = {"properties": {"joint": forms[1], "gravity": {"minItems": 3}}}
+    return {"$schema": DIALECT, "title": "robot.toml", **top, "anyOf": [flat, deep]}
 
 
 def _build_table(name: str) -> JsonSchema:
@@ -49,8 +53,20 @@ def _build_table(name: str) -> JsonSchema:
     }
 
 
+def _build_joint_in_space() -> JsonSchema:
+    """The schema of a joint of the long form."""
+    joint = _build_table("joint in space")
+    joint["properties"] |= {
+        "drive": _build_drive(),
+        "limits": _build_table("joint.limits"),
+        "sensor": _build_table("joint.sensor"),
+    }
+    joint["required"].append("drive")
+    return joint
+
+
 def _build_joint() -> JsonSchema:
-    """The schema of [[joint]], with what depends on its type."""
+    """The schema of [[joint]] of the short form, with what depends on its type."""
     joint = _build_table("joint")
     joint["properties"] |= {
         "drive": _build_drive(),
@@ -104,14 +120,16 @@ def _build_value(key: Key) -> JsonSchema:
     words = "; ".join(part for part in (key.meaning, describe_range(key)) if part)
     schema: JsonSchema = {"description": words}
     if key.default is not None:
-        schema["default"] = key.default
+        schema["default"] = list(key.default) if isinstance(key.default, tuple) else key.default
     match key.kind:
         case ValueKind.PARAMETER:
             return schema | _build_parameter(key)
         case ValueKind.PARAMETERS:
-            return schema | _build_pair(_build_parameter(key))
+            return schema | _build_list(_build_parameter(key), key.lengths)
+        case ValueKind.VECTOR:
+            return schema | _build_list(_build_number(key.range), key.lengths)
         case ValueKind.RANGE:
-            return schema | _build_pair(_build_number(key.range))
+            return schema | _build_list(_build_number(key.range), (2,))
         case ValueKind.NUMBER:
             return schema | _build_number(key.range)
         case ValueKind.WHOLE:
@@ -124,19 +142,26 @@ def _build_value(key: Key) -> JsonSchema:
 
 
 def _build_parameter(key: Key) -> JsonSchema:
-    """A number, or a table of value and tolerance."""
+    """A number, or a table of value and tolerance or source."""
     number = _build_number(key.range)
-    both = {
-        "type": "object",
-        "properties": {"value": number, "tolerance": _build_number(keys_of("")["tolerance"].range)},
-        "required": ["value", "tolerance"],
-        "additionalProperties": False,
+    trust: dict[str, JsonSchema] = {
+        "tolerance": _build_number(keys_of("")["tolerance"].range),
+        "source": {"type": "string", "enum": list(TOLERANCES)},
     }
-    return {"anyOf": [number, both]}
+    tables = [
+        {
+            "type": "object",
+            "properties": {"value": number, name: stated},
+            "required": ["value", name],
+            "additionalProperties": False,
+        }
+        for name, stated in trust.items()
+    ]
+    return {"anyOf": [number, *tables]}
 
 
-def _build_pair(entry: JsonSchema) -> JsonSchema:
-    return {"type": "array", "items": entry, "minItems": 2, "maxItems": 2}
+def _build_list(entry: JsonSchema, lengths: tuple[int, ...]) -> JsonSchema:
+    return {"type": "array", "items": entry, "minItems": min(lengths), "maxItems": max(lengths)}
 
 
 def _build_number(span: Range) -> JsonSchema:

@@ -12,8 +12,21 @@ from typing import Any
 
 from gen.effects.effect import Effect
 from gen.presets import find_presets
-from gen.robot import consistency_checks
-from gen.robot.description import Drive, Joint, Limits, Robot, RobotError, Sensor, StatedEffect, Value, describe_robot
+from gen.robot import consistency_checks, space_checks
+from gen.robot.description import (
+    Drive,
+    Joint,
+    Limits,
+    PlanarLink,
+    Robot,
+    RobotError,
+    Sensor,
+    SpatialLink,
+    StatedEffect,
+    Tip,
+    Value,
+    describe_robot,
+)
 from gen.robot.gear_catalogue import CATALOGUE, DATA_SHEET_KEYS, SPRING_KEYS, Gear, drive_laws
 from gen.robot.mass_matrix import find_singular_pose
 from gen.robot.model_parameters import ParameterValue, list_parameters
@@ -93,6 +106,9 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
     top = consistency_checks.check_top(table, reading)
     stated = consistency_checks.check_joints(table, reading)
     present = consistency_checks.check_effects(table, stated, effects, reading)
+    tip = None
+    if space_checks.uses_long_form(table):
+        tip = space_checks.read_tip(table, reading)
     if reading.problems:
         raise RobotError(reading.problems)
     joints = tuple(_make_joint(values, reading.tolerance) for values in stated)
@@ -113,6 +129,7 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
         joints,
         tuple(present),
         source,
+        None if tip is None else Tip(**tip),
     )
 
 
@@ -125,19 +142,25 @@ def _make_joint(values: dict[str, dict[str, Any]], tolerance: float) -> Joint:
     limits = {name: values["limits"].get(name) for name in ("position", "speed", "torque", "motor_torque_rate")}
     if gear and limits["torque"] is None:
         limits["torque"] = gear.repeated_peak_torque
-    inertia = own.get("inertia")
-    if inertia is None:
-        inertia = _inertia_about_center(own)
     return Joint(
         kind=own["type"],
-        length=own["length"],
         mass=own["mass"],
-        center_of_mass=own["center_of_mass"],
-        inertia=inertia,
+        link=_make_link(own),
         drive=_make_drive(drive, tolerance),
         limits=Limits(**limits),
         sensor=Sensor(**values["sensor"]),
+        name=own.get("name", ""),
     )
+
+
+def _make_link(own: dict[str, Any]) -> PlanarLink | SpatialLink:
+    if "origin" in own:
+        return SpatialLink(**{name: own[name] for name in SpatialLink.__dataclass_fields__})
+    inertia = own.get("inertia")
+    is_lumped = inertia is None
+    if is_lumped:
+        inertia = _inertia_about_center(own)
+    return PlanarLink(own["length"], own["center_of_mass"], inertia, is_lumped)
 
 
 def _inertia_about_center(own: dict[str, Any]) -> Value:

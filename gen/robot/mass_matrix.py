@@ -1,16 +1,18 @@
-"""The mass matrix of the planar chain in numbers, and whether it is positive definite wherever the arm can be.
+"""The mass matrix of the chain in numbers, and whether it is positive definite wherever the arm can be.
 
-Legend: q joint positions; e(α) unit vector of a link at the angle α against the base; M mass matrix: the links,
-and the rotors N² J_m of rigid drives (a flexible drive's rotor is a body of its own).
+Legend: q joint positions; M mass matrix: the links, and the rotors N² J_m of rigid drives (a flexible drive's rotor is
+a body of its own).
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 
 from gen.robot.description import Joint
+from gen.robot.link_geometry import list_link_geometry
 
 MASS_GRID_POINTS = 4096  # of the grid at most
 LEAST_EIGENVALUE = 1e-9  # eigenvalue of M scaled to a unit diagonal
@@ -29,29 +31,38 @@ def mass_matrix(joints: tuple[Joint, ...], q: np.ndarray) -> np.ndarray:
 
     """
     points, n = q.shape
-    turns = np.array([joint.kind == "revolute" for joint in joints], dtype=float)
-    alpha = np.cumsum(q * turns, axis=1)
-    e = np.stack([np.cos(alpha), np.sin(alpha)], axis=-1)
-    origins = np.zeros((points, n, 2))
-    tip = np.zeros((points, 2))
+    turned = np.broadcast_to(np.eye(3), (points, 3, 3))
+    place = np.zeros((points, 3))
+    axes, origins = np.zeros((points, n, 3)), np.zeros((points, n, 3))
     M = np.zeros((points, n, n))
-    for j, joint in enumerate(joints):
-        origins[:, j] = tip
-        if not turns[j]:
-            origins[:, j] = tip + q[:, j, None] * e[:, j]
-        center = origins[:, j] + joint.center_of_mass.nominal * e[:, j]
-        columns = np.zeros((points, n, 2))
+    for j, (joint, link) in enumerate(zip(joints, list_link_geometry(joints), strict=True)):
+        place = place + turned @ link.origin
+        turned = turned @ link.rotation
+        axes[:, j] = turned @ link.axis
+        if joint.kind == "prismatic":
+            place = place + q[:, j, None] * axes[:, j]
+        else:
+            turned = turned @ _turns_about(link.axis, q[:, j])
+        origins[:, j] = place
+        move, spin = np.zeros((points, n, 3)), np.zeros((points, n, 3))
         for k in range(j + 1):
-            lever = center - origins[:, k]
-            columns[:, k] = e[:, k]
-            if turns[k]:
-                columns[:, k] = np.stack([-lever[:, 1], lever[:, 0]], axis=-1)
-        spin = turns * (np.arange(n) <= j)
-        M += joint.mass.nominal * columns @ columns.transpose(0, 2, 1) + joint.inertia.nominal * np.outer(spin, spin)
+            move[:, k] = axes[:, k]
+            if joints[k].kind == "revolute":
+                spin[:, k] = axes[:, k]
+                move[:, k] = np.cross(axes[:, k], place + turned @ link.center_of_mass - origins[:, k])
+        inertia = turned @ link.inertia @ turned.transpose(0, 2, 1)
+        M += link.mass * move @ move.transpose(0, 2, 1) + spin @ inertia @ spin.transpose(0, 2, 1)
         if joint.drive.rigid:
             M[:, j, j] += joint.drive.ratio.nominal**2 * joint.drive.motor_inertia.nominal
-        tip = origins[:, j] + joint.length.nominal * e[:, j]
     return M
+
+
+def _turns_about(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Rotations (points × 3 × 3) about a unit vector."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    s, c = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    return c * np.eye(3) + s * cross + (1 - c) * np.outer(axis, axis)
 
 
 def find_singular_pose(joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], float] | None:
@@ -93,9 +104,12 @@ def joint_mobility(joints: tuple[Joint, ...]) -> np.ndarray:
 
 
 def _pose_grid(joints: tuple[Joint, ...]) -> np.ndarray:
-    """Joint positions (points × n)."""
+    """Joint positions (points × n); of many joints, of which a whole grid is too large, points at random."""
     count = 2 * max(2, int(MASS_GRID_POINTS ** (1 / max(len(joints) - 1, 1)) / 2))
     axes = [np.zeros(1)] + [_joint_grid(joint, count) for joint in joints[1:]]
+    if math.prod(map(len, axes)) > 2 * MASS_GRID_POINTS:
+        random = np.random.default_rng(0)
+        return np.column_stack([random.choice(axis, MASS_GRID_POINTS) for axis in axes])
     return np.array(list(itertools.product(*axes)))
 
 

@@ -7,19 +7,23 @@ docs/reference/robot_toml.md are made.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from gen.presets import find_presets
 from gen.robot.gear_catalogue import CATALOGUE
 
-MAX_JOINTS = 6
-SUBTABLES = {"": ("joint", "effect"), "joint": ("drive", "limits", "sensor")}
+MAX_JOINTS = 12
+SUBTABLES = {
+    "": ("joint", "effect", "tip"),
+    "joint": ("drive", "limits", "sensor"),
+    "joint in space": ("drive", "limits", "sensor"),
+}
 TITLES = {
     "": "top of the file",
     "joint": "[[joint]]",
+    "joint in space": "[[joint]] in space",
+    "tip": "[tip]",
     "joint.drive": "[joint.drive]",
     "joint.limits": "[joint.limits]",
     "joint.sensor": "[joint.sensor]",
@@ -30,8 +34,9 @@ TITLES = {
 class ValueKind(Enum):
     """How a value is written."""
 
-    PARAMETER = "number or {value, tolerance}"
-    PARAMETERS = "list of two: number or {value, tolerance}"
+    PARAMETER = "number, {value, tolerance} or {value, source}"
+    PARAMETERS = "list of: number, {value, tolerance} or {value, source}"
+    VECTOR = "list of numbers"
     NUMBER = "number"
     RANGE = "[low, high]"
     WHOLE = "whole number"
@@ -82,6 +87,7 @@ class Key:
     zero_width: float = 0.0  # of a parameter whose nominal is 0: how far its bounds lie from 0
     prismatic_unit: str = ""  # the unit at a prismatic joint, where it differs
     choices: tuple[str, ...] = ()
+    lengths: tuple[int, ...] = ()  # possible numbers of entries of a list
     advice: str = ""  # advice where no choice fits; then none of them is suggested
 
 
@@ -94,8 +100,11 @@ ANY = Range()
 YES, NO, EITHER, SPRING, FLEXIBLE = KeyNeed.YES, KeyNeed.NO, KeyNeed.EITHER, KeyNeed.SPRING_KEY, KeyNeed.FLEXIBLE
 SHEET = KeyNeed.DATA_SHEET
 PARAMETER, NUMBER, TEXT = ValueKind.PARAMETER, ValueKind.NUMBER, ValueKind.TEXT
-DRIVE, LIMITS, SENSOR = "joint.drive", "joint.limits", "joint.sensor"
+PARAMETERS, VECTOR = ValueKind.PARAMETERS, ValueKind.VECTOR
+DRIVE, LIMITS, SENSOR, SPACE = "joint.drive", "joint.limits", "joint.sensor", "joint in space"
+JOINT_NAME = "label of the joint: letters, digits and `_.-`, the first a letter; 64 characters at most"
 GEAR = "the catalogue's"
+LENGTH_WORDS = {2: "two", 3: "three", 4: "four", 6: "six"}
 LAW_SHARPNESS = 12.0  # c_f · law_torque where nothing else is stated
 
 # One row a key.
@@ -103,13 +112,15 @@ LAW_SHARPNESS = 12.0  # c_f · law_torque where nothing else is stated
 TABLE: tuple[Key, ...] = (
     Key("", "name", TEXT, YES, "", ANY,
         "label: a letter, then letters, digits, spaces and `_.,()+-`; 80 characters at most, no word of C or Python"),
-    Key("", "gravity", ValueKind.PARAMETERS, YES, "m/s²", Range(-100, 100),
-        "gravity in the plane of motion; base frame: x right, y up, q = 0 along x", exact=True, zero_width=10.0),
+    Key("", "gravity", PARAMETERS, YES, "m/s²", Range(-100, 100),
+        "gravity in the plane of motion; base frame: x right, y up, q = 0 along x; of joints in space three components",
+        exact=True, zero_width=10.0, lengths=(2, 3)),
     Key("", "tolerance", NUMBER, NO, "1", Range(0, 10), "relative standard deviation of the parameters", 0.05),
     Key("", "step", NUMBER, NO, "s", Range(1e-7, 0.1), "integration step the model is meant for", 0.0005),
     Key("", "force_noise", NUMBER, NO, "N", Range(0, 1e5),
         "standard deviation of the force sensor at the tip, by axis", 0.2),
 
+    Key("joint", "name", TEXT, NO, "", ANY, JOINT_NAME, default_text="none"),
     Key("joint", "type", TEXT, NO, "", ANY,
         "a prismatic joint slides along its own x", "revolute", choices=("revolute", "prismatic")),
     Key("joint", "length", PARAMETER, KeyNeed.REVOLUTE, "m", Range(0, 10),
@@ -122,6 +133,28 @@ TABLE: tuple[Key, ...] = (
     Key("joint", "inertia_about_joint", PARAMETER, EITHER, "kg m²", Range(0, 1e4),
         "inertia of the link about its joint's axis, lumped: inertia, which is this less mass·center_of_mass², may "
         "then be negative and only the whole mass matrix must be positive definite; not at a prismatic joint"),
+
+    Key(SPACE, "name", TEXT, NO, "", ANY, JOINT_NAME, default_text="none"),
+    Key(SPACE, "type", TEXT, NO, "", ANY, "a prismatic joint slides along its axis", "revolute",
+        choices=("revolute", "prismatic")),
+    Key(SPACE, "origin", VECTOR, YES, "m", Range(-100, 100),
+        "the joint's frame in that of the joint before, or in the base frame", lengths=(3,)),
+    Key(SPACE, "rotation", VECTOR, NO, "1", Range(-1.000001, 1.000001),
+        "the same as a unit quaternion w, x, y, z", (1.0, 0.0, 0.0, 0.0), lengths=(4,)),
+    Key(SPACE, "axis", VECTOR, NO, "1", Range(-1.000001, 1.000001),
+        "unit vector in the joint's frame, about which it turns or along which it slides", (0.0, 0.0, 1.0),
+        lengths=(3,)),
+    Key(SPACE, "mass", PARAMETER, YES, "kg", range_above(0, 1e4), "mass of the link", zero_width=1.0),
+    Key(SPACE, "center_of_mass", PARAMETERS, YES, "m", Range(-100, 100),
+        "centre of mass of the link in the joint's frame", zero_width=0.1, lengths=(3,)),
+    Key(SPACE, "inertia", PARAMETERS, YES, "kg m²", Range(-1e4, 1e4),
+        "inertia of the link about its centre of mass in the joint's frame: xx, yy, zz, xy, xz, yz", zero_width=0.1,
+        lengths=(6,)),
+
+    Key("tip", "origin", VECTOR, NO, "m", Range(-100, 100), "the tip in the last joint's frame", (0.0, 0.0, 0.0),
+        lengths=(3,)),
+    Key("tip", "rotation", VECTOR, NO, "1", Range(-1.000001, 1.000001), "the same as a unit quaternion w, x, y, z",
+        (1.0, 0.0, 0.0, 0.0), lengths=(4,)),
 
     Key(DRIVE, "rigid", ValueKind.FLAG, NO, "", ANY, "no springs: motor angle = ratio · joint position", False),
     Key(DRIVE, "catalogue", TEXT, FLEXIBLE, "", ANY,
@@ -250,99 +283,22 @@ def describe_range(key: Key) -> str:
     return " ".join(words)
 
 
-INTRODUCTION = """# robot.toml
+def describe_form(key: Key) -> str:
+    """Write how a key's value is written.
 
-`python -m gen.robot.schema` prints this page from the table in `gen/robot/schema.py`.
-[bring_your_robot.md](../guides/bring_your_robot.md) shows how to write a file.
-
-Values are in SI units, angles in rad. The `[[joint]]` tables stand base first, at most {joints}, and count from 1.
-`[joint.drive]`, `[joint.limits]` and `[joint.sensor]` belong to the `[[joint]]` above them. Units of a prismatic joint
-stand in parentheses.
-
-A number marked ± may be written `{{value = 1.6, tolerance = 0.1}}`. A plain number has the tolerance of the file, or 0
-if the mark is (±).
-
-All problems of a file are reported together: unknown keys, missing keys, wrong types and values out of range. A file
-that is not TOML in UTF-8, or is larger than 1 MB, is refused as a whole.
-
-Presets: {presets}.
-
-Gears in the catalogue: {gears}. For any other gear, copy the numbers of its data sheet to `[joint.drive]`: `ratio`,
-`K1`, `K2`, `K3`, `T1`, `T2`, `hysteresis_loss` (ψ) and, if it is known, `starting_torque`. The four springs follow from
-them as from the catalogue's.
-"""
-
-
-def write_document() -> str:
-    """Write docs/reference/robot_toml.md, the table of keys as Markdown.
+    Args:
+        key: The key.
 
     Returns:
-        The text.
+        The kind in words, of a list with the number of its entries.
 
     """
-    parts = [
-        INTRODUCTION.format(joints=MAX_JOINTS, presets=_quote_names(find_presets()), gears=_quote_names(CATALOGUE))
-    ]
-    for table, title in TITLES.items():
-        heading = f"`{title}`" if table else title
-        parts.append(f"\n## {heading}\n")
-        parts.append(
-            "| key | written as | unit | range | required | default | meaning |\n|---|---|---|---|---|---|---|"
-        )
-        parts += [_document_row(key) for key in keys_of(table).values()]
-    return "\n".join(parts) + "\n"
-
-
-def _quote_names(names: Iterable[str]) -> str:
-    return ", ".join(f"`{name}`" for name in names)
-
-
-def _document_row(key: Key) -> str:
-    cells = (
-        f"`{key.name}`",
-        _written_form(key),
-        _unit_text(key),
-        _possible_values(key),
-        key.need.value,
-        _default_text(key),
-        key.meaning,
-    )
-    return f"| {' | '.join(cells)} |"
-
-
-def _written_form(key: Key) -> str:
-    """How the value is written, with a mark where it may have a tolerance of its own."""
-    marked = {ValueKind.PARAMETER: "number", ValueKind.PARAMETERS: "[number, number]"}.get(key.kind)
-    if marked is None:
-        return key.kind.value
-    if key.exact:
-        return f"{marked} (±)"
-    return f"{marked} ±"
-
-
-def _unit_text(key: Key) -> str:
-    if key.prismatic_unit:
-        return f"{key.unit} ({key.prismatic_unit})"
-    return key.unit
-
-
-def _possible_values(key: Key) -> str:
-    """The choices, or the range."""
-    if key.choices:
-        return " or ".join(f"`{choice}`" for choice in key.choices)
-    if key.range == ANY:
-        return ""
-    bounds = f"{key.range.low:g} … {key.range.high:g}"
-    if key.range.excludes_low:
-        return f"above {bounds}"
-    return bounds
-
-
-def _default_text(key: Key) -> str:
-    if key.default_text or key.default is None:
-        return key.default_text
-    return f"{key.default}".lower()
+    if key.lengths:
+        return "list of " + " or ".join(LENGTH_WORDS[length] for length in key.lengths) + " numbers"
+    return key.kind.value
 
 
 if __name__ == "__main__":
+    from gen.robot.schema_document import write_document
+
     print(write_document(), end="")

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from gen.robot.schema import SUBTABLES, TABLE, TITLES, Key, KeyNeed, describe_range, keys_of
+from gen.robot.schema import SUBTABLES, TABLE, TITLES, Key, KeyNeed, describe_form, describe_range, keys_of
 from gen.robot.value_reader import InvalidValueError, quote_key, read_entry, show_value, suggest_nearest
 
 MOST_PROBLEMS = 100  # problems that are listed
@@ -104,7 +104,7 @@ class RobotFileReader:
             place: Full name of the table.
 
         """
-        fits = " ".join(part for part in (key.kind.value, describe_range(key)) if part)
+        fits = " ".join(part for part in (describe_form(key), describe_range(key)) if part)
         self.add_problem(key_path(place, key.name), f"found nothing, required is {fits}; add it ({key.meaning})")
 
     def add_unknown(self, name: str, place: str, possible: Iterable[str]) -> None:

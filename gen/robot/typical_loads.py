@@ -10,7 +10,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from gen.robot.description import Robot
+from gen.robot.link_geometry import list_link_geometry
 from gen.robot.schema import keys_of
 
 MEANT_POSITION, MEANT_VELOCITY = (
@@ -95,11 +98,13 @@ def lifting_torque(robot: Robot, j: int) -> float:
     g = math.hypot(*(part.nominal for part in robot.gravity))
     slides, drive = robot.joints[j - 1].kind == "prismatic", robot.joints[j - 1].drive
     weight, inertia, reach = 0.0, drive.ratio.nominal**2 * drive.motor_inertia.nominal, 0.0
-    for joint in robot.joints[j - 1 :]:
-        arm, own_inertia = reach + abs(joint.center_of_mass.nominal), max(joint.inertia.nominal, 0.0)
+    links = list_link_geometry(robot.joints)
+    for k, link in enumerate(links[j - 1 :]):
+        if k:
+            reach += math.hypot(*link.origin)
+        arm, own_inertia = reach + math.hypot(*link.center_of_mass), max(float(np.max(link.inertia)), 0.0)
         if slides:
             arm, own_inertia = 1.0, 0.0
-        weight += joint.mass.nominal * g * arm
-        inertia += joint.mass.nominal * arm**2 + own_inertia
-        reach += joint.length.nominal
+        weight += link.mass * g * arm
+        inertia += link.mass * arm**2 + own_inertia
     return (weight + SWIFT_ACCELERATION * inertia) / drive.ratio.nominal

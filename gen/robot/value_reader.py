@@ -7,10 +7,12 @@ import json
 import math
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from gen.robot.description import Value
-from gen.robot.schema import Key, ValueKind, describe_range, keys_of
+from gen.robot.schema import Key, ValueKind, describe_form, describe_range, keys_of
+from gen.robot.trust import TOLERANCES
 
 
 class InvalidValueError(ValueError):
@@ -26,7 +28,7 @@ def read_entry(key: Key, raw: Any, tolerance: float) -> Any:
         tolerance: Relative standard deviation of the file's plain numbers.
 
     Returns:
-        Value, a pair of Value or float, float, int, str or bool, by the key's kind.
+        Value, a tuple of Value or float, float, int, str or bool, by the key's kind.
 
     Raises:
         Unfit: The key does not allow the value.
@@ -36,12 +38,13 @@ def read_entry(key: Key, raw: Any, tolerance: float) -> Any:
         case ValueKind.PARAMETER:
             return _read_parameter(key, raw, tolerance)
         case ValueKind.PARAMETERS:
-            first, second = _read_pair(key, raw)
-            return _read_parameter(key, first, tolerance), _read_parameter(key, second, tolerance)
+            return tuple(_read_parameter(key, entry, tolerance) for entry in _read_list(key, raw, key.lengths))
+        case ValueKind.VECTOR:
+            return tuple(_read_number(key, entry) for entry in _read_list(key, raw, key.lengths))
         case ValueKind.NUMBER:
             return _read_number(key, raw)
         case ValueKind.RANGE:
-            low, high = (_read_number(key, end) for end in _read_pair(key, raw))
+            low, high = (_read_number(key, end) for end in _read_list(key, raw, (2,)))
             if low >= high:
                 raise InvalidValueError(
                     f"found [{low:g}, {high:g}], possible is a low end below the high end; correct them"
@@ -66,11 +69,24 @@ def _read_parameter(key: Key, raw: Any, tolerance: float) -> Value:
         if key.exact:
             tolerance = 0.0
         return Value(_read_number(key, raw), tolerance)
+    if set(raw) == {"value", "source"}:
+        return Value(_read_number(key, raw["value"]), _read_source(raw["source"]))
     if set(raw) != {"value", "tolerance"}:
         raise InvalidValueError(
-            f"found {show_value(raw)}, possible is {{value, tolerance}} with both and nothing else; correct it"
+            f"found {show_value(raw)}, possible is {{value, tolerance}} or {{value, source}} with both and nothing "
+            "else; correct it"
         )
     return Value(_read_number(key, raw["value"]), _read_number(keys_of("")["tolerance"], raw["tolerance"]))
+
+
+def _read_source(raw: Any) -> float:
+    """The tolerance that a number's source stands for."""
+    if not isinstance(raw, str) or raw not in TOLERANCES:
+        near = suggest_nearest(raw, TOLERANCES) if isinstance(raw, str) else ""
+        raise InvalidValueError(
+            f"found source {show_value(raw)}, possible is {' or '.join(map(json.dumps, TOLERANCES))}; choose one{near}"
+        )
+    return TOLERANCES[raw]
 
 
 def _read_number(key: Key, raw: Any) -> float:
@@ -87,12 +103,14 @@ def _read_number(key: Key, raw: Any) -> float:
     return number
 
 
-def _read_pair(key: Key, raw: Any) -> list[Any]:
-    if not isinstance(raw, list) or len(raw) != 2:
+def _read_list(key: Key, raw: Any, lengths: tuple[int, ...]) -> list[Any]:
+    if not isinstance(raw, list | tuple) or len(raw) not in lengths:
+        form = describe_form(replace(key, lengths=lengths))
+        many = form.removeprefix("list of ").removesuffix(" numbers")
         raise InvalidValueError(
-            f"found {show_value(raw)}, possible is a list of two numbers {describe_range(key)}; write two in brackets"
+            f"found {show_value(raw)}, possible is a {form} {describe_range(key)}; write {many} in brackets"
         )
-    return raw
+    return list(raw)
 
 
 def _read_text(key: Key, raw: Any) -> str:
@@ -124,7 +142,7 @@ def show_value(value: Any) -> str:
         return _cut_short("a table with " + ", ".join(quote_key(key) for key in value))
     if isinstance(value, bool | str):
         return _cut_short(json.dumps(value))
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return f"a list of {len(value)}"
     if isinstance(value, int) and value.bit_length() > 64:  # printing it may be refused
         return f"a whole number of {value.bit_length()} bits"

@@ -161,7 +161,8 @@ static void restart_lost(filters *f, const hda_bank *bank, const double *begun) 
 static void compare_channels(const filters *f, const hda_bank *bank, const double *u, const double *c,
                              const double *measured, lanes *error) {
     EACH(l) {
-        double shown[HDA_CHANNELS_MOST], law[HDA_N], beyond[HDA_N], torque[HDA_N], angle[HDA_N], tip[2], rate[2];
+        double shown[HDA_CHANNELS_MOST], law[HDA_N], beyond[HDA_N], torque[HDA_N], angle[HDA_N], tip[HDA_TIP],
+            rate[HDA_WRENCH];
         hda_outputs(f->x[l], u, c, shown, shown + HDA_N, law, beyond, torque, shown + 2 * HDA_N, shown + 3 * HDA_N,
                     angle, tip, rate);
         for (int i = 0; i < bank->channels; i++) error[i][l] = measured[i] - shown[bank->shows[i]];

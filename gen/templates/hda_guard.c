@@ -9,7 +9,7 @@
 
 #define MEASURED ((int)(sizeof(hda_measurement) / sizeof(double)))
 
-typedef char measurement_has_no_padding[sizeof(hda_measurement) == (3 + 5 * HDA_N) * sizeof(double) ? 1 : -1];
+typedef char measurement_has_no_padding[sizeof(hda_measurement) == (1 + 5 * HDA_N + HDA_WRENCH) * sizeof(double) ? 1 : -1];
 
 typedef struct finding {
     int code;
@@ -284,7 +284,7 @@ static int send_zero(int code, double *torque) {
 /* Finite on the result: the torque, the map, and the force they make. A legal map is kept for the safe ramp. */
 static finding check_result(hda_guard *g, const double *raw, const double *force_map) {
     const int limited = force_limited(g);
-    const int mapped = limited && force_map != NULL && hda_not_finite(force_map, 2 * HDA_N) == 0;
+    const int mapped = limited && force_map != NULL && hda_not_finite(force_map, HDA_TIP * HDA_N) == 0;
     finding found = NOTHING;
     if (mapped) {
         memcpy(g->force_map, force_map, sizeof g->force_map);

@@ -14,8 +14,13 @@
 #include "hda_limit.h"
 #include "hda_sizes.h" /* HDA_N, the number of joints */
 
-#if !defined(HDA_N) || HDA_N < 1 || HDA_N > 6
-#error "HDA_N, the number of joints, must be 1 to 6"
+#if !defined(HDA_N) || HDA_N < 1 || HDA_N > 12
+#error "HDA_N, the number of joints, must be 1 to 12"
+#endif
+
+#ifndef HDA_TIP
+#define HDA_TIP 2    /* coordinates of the tip; hda_sizes.h says 3 for an arm in space */
+#define HDA_WRENCH 2 /* numbers of the force on the tip: then 6, the moment after the force */
 #endif
 
 #ifndef HDA_REFERENCE_MAX
@@ -103,7 +108,7 @@ typedef struct hda_measurement {
     double joint_position[HDA_N];
     double joint_velocity[HDA_N];
     double motor_torque[HDA_N]; /* measured or estimated */
-    double tip_force[2];        /* measured or estimated, base frame */
+    double tip_force[HDA_WRENCH]; /* measured or estimated, base frame; in space with the moment, N m */
 } hda_measurement;
 
 typedef struct hda_guard_config {
@@ -162,7 +167,7 @@ typedef struct hda_guard {
     double target[HDA_N];   /* the safe law's torque, slewed at half the rate */
     double hold[HDA_N];     /* motor positions at the latch */
     double velocity[HDA_N]; /* motor velocities of this tick, for the safe law */
-    double force_map[2 * HDA_N];
+    double force_map[HDA_TIP * HDA_N];
     double reference[HDA_REFERENCE_MAX];
     hda_measurement measured; /* the last finite one */
     hda_fault fault;
@@ -187,7 +192,7 @@ HDA_API int hda_guard_begin(hda_guard *guard, double now, const hda_measurement 
                             int count);
 
 /* Closes the tick: writes HDA_N torques, always. raw: the controller's, not read in a refused tick; may be torque.
- * force_map: 2 x HDA_N by rows, N at the tip per N m at the motor; not read where force_limit is HDA_UNLIMITED. */
+ * force_map: HDA_TIP x HDA_N by rows, N at the tip per N m at the motor; not read where force_limit is HDA_UNLIMITED. */
 HDA_API int hda_guard_end(hda_guard *guard, const double *raw, const double *force_map, double *torque);
 
 /* Writes the torque last sent while ticks come; latches and ramps to zero torque, a step a call, where they do not. */

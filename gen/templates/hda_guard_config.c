@@ -42,12 +42,13 @@ int hda_guard_safe_ticks_held(const hda_guard_config *c) {
 }
 
 double hda_guard_force(const double *force_map, const double *torque) {
-    double x = 0.0, y = 0.0;
-    for (int j = 0; j < HDA_N; j++) {
-        x += force_map[j] * torque[j];
-        y += force_map[HDA_N + j] * torque[j];
+    double total = 0.0;
+    for (int axis = 0; axis < HDA_TIP; axis++) {
+        double along = 0.0;
+        for (int j = 0; j < HDA_N; j++) along += force_map[axis * HDA_N + j] * torque[j];
+        total = axis ? hda_length(total, along) : along;
     }
-    return hda_length(x, y);
+    return total;
 }
 
 int hda_guard_configure_held(hda_guard *g, const hda_guard_config *config) {

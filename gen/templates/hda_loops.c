@@ -22,21 +22,21 @@ static int prepare_law(const hda_loops *loops, const double *gains, double *k) {
 
 static void read_sensors(const hda_loops *loops, const double *c, double seen[][HDA_LOOPS_WIDEST],
                          double tip[][HDA_LOOPS_WIDEST]) {
-    hda_batch x[HDA_NX], u[HDA_NU], theta[HDA_N], q[HDA_N], at[2];
+    hda_batch x[HDA_NX], u[HDA_NU], theta[HDA_N], q[HDA_N], at[HDA_TIP];
     memset(u, 0, sizeof u);
     LOAD(x, loops->x, HDA_NX);
     loops_sensed(x, u, c, theta, q, at);
     STORE(theta, seen, HDA_N);
     STORE(q, seen + HDA_N, HDA_N);
-    STORE(at, tip, 2);
+    STORE(at, tip, HDA_TIP);
 }
 
 static void run_controller(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference,
                            const double *known, double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST]) {
-    hda_batch m[2 * HDA_N + 2], sent[HDA_N], gains[HDA_GAINS_MOST], k[LOOPS_PREPARED], state[HDA_MEMORY_MOST],
+    hda_batch m[2 * HDA_N + HDA_WRENCH], sent[HDA_N], gains[HDA_GAINS_MOST], k[LOOPS_PREPARED], state[HDA_MEMORY_MOST],
         torque[HDA_N], next[HDA_MEMORY_MOST];
     memset(next, 0, sizeof next);
-    LOAD(m, measured, 2 * HDA_N + 2);
+    LOAD(m, measured, 2 * HDA_N + HDA_WRENCH);
     LOAD(sent, loops->sent, HDA_N);
     LOAD(gains, loops->gains, HDA_GAINS_MOST);
     LOAD(k, loops->prepared, LOOPS_PREPARED);
@@ -53,8 +53,7 @@ static void step_lanes(hda_loops *loops, double input[][HDA_LOOPS_WIDEST], const
     const double reach[4] = {0.5 * h, 0.5 * h, h, 0.0}, weight[4] = {h / 6.0, h / 3.0, h / 3.0, h / 6.0};
     LOAD(x, loops->x, HDA_NX);
     LOAD(u, input, HDA_N);
-    u[HDA_N] = push[0] - (hda_batch){0};
-    u[HDA_N + 1] = push[1] - (hda_batch){0};
+    for (int i = 0; i < HDA_WRENCH; i++) u[HDA_N + i] = push[i] - (hda_batch){0};
     for (long step = 0; step < steps; step++) {
         memcpy(from, x, sizeof from);
         for (int stage = 0; stage < 4; stage++) {
@@ -91,19 +90,19 @@ static int prepare_law(const hda_loops *loops, const double *gains, double *k) {
 
 static void read_sensors(const hda_loops *loops, const double *c, double seen[][HDA_LOOPS_WIDEST],
                          double tip[][HDA_LOOPS_WIDEST]) {
-    double x[HDA_NX], u[HDA_NU] = {0.0}, theta[HDA_N], q[HDA_N], at[2], side[6][HDA_N], speed[2];
+    double x[HDA_NX], u[HDA_NU] = {0.0}, theta[HDA_N], q[HDA_N], at[HDA_TIP], side[6][HDA_N], speed[HDA_WRENCH];
     COLUMN(x, loops->x, HDA_NX);
     hda_outputs(x, u, c, theta, side[0], side[1], side[2], side[3], q, side[4], side[5], at, speed);
     BACK(theta, seen, HDA_N);
     BACK(q, seen + HDA_N, HDA_N);
-    BACK(at, tip, 2);
+    BACK(at, tip, HDA_TIP);
 }
 
 static void run_controller(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference,
                            const double *known, double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST]) {
-    double m[2 * HDA_N + 2], sent[HDA_N], gains[HDA_GAINS_MOST], state[HDA_MEMORY_MOST], torque[HDA_N],
+    double m[2 * HDA_N + HDA_WRENCH], sent[HDA_N], gains[HDA_GAINS_MOST], state[HDA_MEMORY_MOST], torque[HDA_N],
         next[HDA_MEMORY_MOST] = {0.0};
-    COLUMN(m, measured, 2 * HDA_N + 2);
+    COLUMN(m, measured, 2 * HDA_N + HDA_WRENCH);
     COLUMN(sent, loops->sent, HDA_N);
     COLUMN(gains, loops->gains, HDA_GAINS_MOST);
     COLUMN(state, loops->state, HDA_MEMORY_MOST);
@@ -117,8 +116,7 @@ static void step_lanes(hda_loops *loops, double input[][HDA_LOOPS_WIDEST], const
     double x[HDA_NX], u[HDA_NU];
     COLUMN(x, loops->x, HDA_NX);
     COLUMN(u, input, HDA_N);
-    u[HDA_N] = push[0];
-    u[HDA_N + 1] = push[1];
+    for (int i = 0; i < HDA_WRENCH; i++) u[HDA_N + i] = push[i];
     for (long step = 0; step < steps; step++) hda_step(x, u, c, &h, x);
     BACK(x, loops->x, HDA_NX);
 }
@@ -169,7 +167,7 @@ static double read_out(double value, double resolution) {
 /* The law's memory at its first tick, lane by lane. */
 static void start_memory(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference,
                          const double *known) {
-    double m[2 * HDA_N + 2], state[HDA_MEMORY_MOST] = {0.0};
+    double m[2 * HDA_N + HDA_WRENCH], state[HDA_MEMORY_MOST] = {0.0};
     for (int lane = 0; lane < WIDTH; lane++) {
         for (int i = 0; i < 2 * HDA_N + 2; i++) m[i] = measured[i][lane];
         starters[loops->law](m, reference, known, state);
@@ -203,7 +201,7 @@ void hda_loops_tick(hda_loops *loops, const double *reference, const double *pus
                     const double *noise, const double *c, const double *known, double *tip, double *sent) {
     /* gcc loses sight of what fills it where a vector has four lanes */
     double seen[2 * HDA_N][HDA_LOOPS_WIDEST] = {{0.0}};
-    double at[2][HDA_LOOPS_WIDEST], measured[2 * HDA_N + 2][HDA_LOOPS_WIDEST];
+    double at[HDA_TIP][HDA_LOOPS_WIDEST], measured[2 * HDA_N + HDA_WRENCH][HDA_LOOPS_WIDEST];
     double raw[HDA_N][HDA_LOOPS_WIDEST], later[HDA_MEMORY_MOST][HDA_LOOPS_WIDEST], input[HDA_N][HDA_LOOPS_WIDEST];
     const double *s = loops->settings;
     const long now = loops->ticks % (HDA_LOOPS_LATE + 1), delay = (long)s[2];
@@ -213,16 +211,16 @@ void hda_loops_tick(hda_loops *loops, const double *reference, const double *pus
         for (int lane = 0; lane < WIDTH; lane++)
             loops->seen[now][i][lane] = read_out(seen[i][lane] + noise[i], s[3 + i]);
     }
-    for (int i = 0; i < 2; i++) loops->felt[now][i] = felt[i];
+    for (int i = 0; i < HDA_WRENCH; i++) loops->felt[now][i] = felt[i];
     for (int lane = 0; lane < WIDTH; lane++) {
         for (int i = 0; i < 2 * HDA_N; i++) measured[i][lane] = loops->seen[late][i][lane];
-        for (int i = 0; i < 2; i++) measured[2 * HDA_N + i][lane] = loops->felt[late][i];
+        for (int i = 0; i < HDA_WRENCH; i++) measured[2 * HDA_N + i][lane] = loops->felt[late][i];
     }
     if (!loops->ticks) start_memory(loops, measured, reference, known);
     run_controller(loops, measured, reference, known, raw, later);
     send_torques(loops, raw, later, c, input);
     for (int lane = 0; lane < WIDTH; lane++) {
-        for (int i = 0; i < 2; i++) tip[lane * 2 + i] = at[i][lane];
+        for (int i = 0; i < HDA_TIP; i++) tip[lane * HDA_TIP + i] = at[i][lane];
         for (int j = 0; j < HDA_N; j++) sent[lane * HDA_N + j] = loops->sent[j][lane];
     }
     step_lanes(loops, input, push, c, s[0] / s[1], (long)s[1]);

@@ -26,7 +26,7 @@ typedef struct {
     double prepared[512][HDA_LOOPS_WIDEST];
     double sent[HDA_N][HDA_LOOPS_WIDEST];
     double seen[HDA_LOOPS_LATE + 1][2 * HDA_N][HDA_LOOPS_WIDEST]; /* of the last ticks, in turn */
-    double felt[HDA_LOOPS_LATE + 1][2];
+    double felt[HDA_LOOPS_LATE + 1][HDA_WRENCH];
     double settings[HDA_LOOPS_SETTINGS];
     hda_input_state input[HDA_LOOPS_WIDEST];
     long ticks;

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from typing import Any
 
 SIGNIFICANT_DIGITS = 10  # significant digits that count: a lumped inertia goes through a sum and a difference
-_LINK_IDENTITY_KEYS = ("kind", "length", "mass", "center_of_mass", "inertia", "drive")
+_LINK_IDENTITY_KEYS = ("kind", "length", "origin", "rotation", "axis", "mass", "center_of_mass", "inertia", "drive")
 _INTEGRATION_KEYS = ("friction_smoothing",)  # keys of a drive that belong to the integration
 
 
@@ -30,11 +30,12 @@ def compute_robot_identity(robot: Mapping[str, Any]) -> str:
     """
     joints = []
     for stated in robot["joints"]:
-        joint = {key: stated[key] for key in _LINK_IDENTITY_KEYS}
+        joint = {key: stated[key] for key in _LINK_IDENTITY_KEYS if key in stated}  # of either form
         joint["drive"] = {key: value for key, value in joint["drive"].items() if key not in _INTEGRATION_KEYS}
         joints.append(joint)
     effects = sorted(robot["effects"], key=lambda effect: (effect["name"], effect["joint"]))
-    meaning = _round_numbers({"gravity": robot["gravity"], "joints": joints, "effects": effects})
+    numbers = {"gravity": robot["gravity"], "joints": joints, "effects": effects, "tip": robot.get("tip")}
+    meaning = _round_numbers(numbers)
     return hashlib.sha256(json.dumps(meaning, sort_keys=True).encode()).hexdigest()
 
 

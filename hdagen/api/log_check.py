@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from hdagen.api.log_reading import ColumnSources, LogSource, read_log
 from hdagen.api.robot_loading import RobotSource, load_robot
+from hdagen.arm.compiled_arm import refuse_motion_in_space
 from hdagen.data_quality.log_repair import repair_log
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
@@ -81,6 +82,7 @@ def check(robot: RobotSource, log: LogSource, *, columns: ColumnSources = None) 
     """
     measured = read_log(log, columns=columns)
     arm = load_robot(robot)
+    refuse_motion_in_space(arm)
     try:
         repaired, repairs, seen = repair_log(measured, arm)
     except LogError as error:

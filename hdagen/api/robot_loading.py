@@ -8,7 +8,7 @@ import numpy as np
 
 from hdagen.adoption import verdict
 from hdagen.arm.build_loader import PlantError, StructuredController
-from hdagen.arm.compiled_arm import Arm, load
+from hdagen.arm.compiled_arm import Arm, load, refuse_motion_in_space
 
 RobotSource = str | Path | Arm  # a preset, the path of a robot.toml, or an arm that was loaded from one of them
 
@@ -39,7 +39,7 @@ def load_robot(
     """
     if isinstance(robot, Arm):
         return robot
-    return load(robot, profile, effects, out, mpc)
+    return load(robot, profile, effects, out, mpc, in_space=True)
 
 
 def find_robot_file(robot: RobotSource) -> str | Path:
@@ -89,5 +89,7 @@ def load_diagnosed_robot(robot: RobotSource, stated: verdict.Verdict | None, pro
 
     """
     if stated is None:
-        return load_robot(robot, profile=profile)
+        arm = load_robot(robot, profile=profile)
+        refuse_motion_in_space(arm)
+        return arm
     return verdict.load_with_effects(find_robot_file(robot), profile, stated)

@@ -6,19 +6,25 @@ import hashlib
 import importlib.util
 import json
 import os
+import sys
 import sysconfig
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
 from hdagen.arm.generator import run_generator
-from hdagen.support.messages import make_printable
+from hdagen.arm.received_builds import BuildRequest, find_received_build
+from hdagen.model_import.model_file import ModelError, is_model_file
+from hdagen.support.atomic_write import write_atomically
+from hdagen.support.messages import make_printable, show_path
 from hdagen.support.ownership import find_other_writer
 
+IMPORTED_FOLDER = ".models"  # beside the builds: robot files made of URDF and MJCF models
 MANIFEST_SCHEMA = 1
 BUILD_PROFILES = ("portable", "native")
 MOST_PATH_BYTES = 4096  # bytes of a path
 MOST_ERROR_LINES = 200  # lines of an error
+_NO_COMPILER_CODE = 6  # exit code of gen
 
 
 class PlantError(Exception):
@@ -30,6 +36,18 @@ class PlantError(Exception):
         if len(lines) > MOST_ERROR_LINES:
             listed.append(f"{len(lines) - MOST_ERROR_LINES} more are not listed: mend these first.")
         super().__init__("\n".join(listed))
+
+
+class _NoCompilerError(PlantError):
+    """What gen says where there is no C compiler."""
+
+
+class MissingCompilerError(PlantError):
+    """A build that this machine cannot make, for it has no C compiler."""
+
+    def __init__(self, text: object, wanted: BuildRequest) -> None:
+        super().__init__(text)
+        self.wanted = wanted
 
 
 class StructuredController(Protocol):
@@ -89,13 +107,52 @@ def find_or_build(
         raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
     folder = find_build_folder(out)
     refuse_other_writers(folder)
+    name = find_robot_file(name, folder)
     if mpc and (problems := mpc.find_incompatibilities(json.loads("\n".join(_run_gen("describe", "--", name))))):
         raise PlantError("\n".join(problems))
     structure = ""
     if mpc:
         structure = mpc.structure
     wanted = [f"--effects={','.join(effects)}", f"--mpc={structure}"]
-    return Path(_run_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
+    try:
+        return Path(_run_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
+    except _NoCompilerError as error:
+        request = BuildRequest(name, profile, effects, structure)
+        if (received := find_received_build(folder, request)) is not None:
+            return received
+        raise MissingCompilerError(error, request) from None
+
+
+def find_robot_file(robot: str, folder: Path) -> str:
+    """Find the robot file of a robot; a URDF or MJCF model is imported first, and what was assumed is reported.
+
+    Args:
+        robot: A preset, a robot.toml, or a model.
+        folder: The folder where builds lie, in which the imported robot file is kept.
+
+    Returns:
+        The preset, or the robot file's path.
+
+    Raises:
+        PlantError: The model cannot be imported.
+
+    """
+    if not is_model_file(robot):
+        return robot
+    from hdagen.model_import.robot_writing import import_model
+
+    try:
+        made = import_model(robot)
+    except ModelError as error:
+        raise PlantError(str(error)) from None
+    content = made.text.encode()
+    kept = folder / IMPORTED_FOLDER / f"{hashlib.sha256(content).hexdigest()[:16]}.toml"
+    if not kept.is_file() or kept.read_bytes() != content:
+        kept.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        write_atomically(kept, content)
+        told = "; ".join(made.notes)
+        print(f"{show_path(robot)}: imported; {told}; `hdagen robot import` writes the file", file=sys.stderr)
+    return str(kept)
 
 
 def find_build_folder(out: str | Path | None = None) -> Path:
@@ -178,6 +235,8 @@ def find_stable_settings(robot: Path) -> tuple[float, tuple[float, ...]]:
 def _run_gen(*arguments: str) -> tuple[str, ...]:
     """Run `python -m gen` in a child process and return the lines that it prints. Raises PlantError."""
     done = run_generator(*arguments)
+    if done.code == _NO_COMPILER_CODE:
+        raise _NoCompilerError("\n".join(done.messages))
     if done.code or not done.lines:
         raise PlantError("\n".join(done.messages) or f"the build of {arguments[-1]} failed without a word.")
     return done.lines

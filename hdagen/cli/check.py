@@ -46,11 +46,12 @@ def run(options: argparse.Namespace) -> int:
         The exit code of the generator: 2 where the robot would not be built.
 
     """
-    from hdagen.arm.build_loader import find_build_folder
+    from hdagen.arm.build_loader import find_build_folder, find_robot_file
     from hdagen.arm.generator import run_generator
 
-    place = f"--out={find_build_folder(options.out)}"
-    given = ("--profile", options.profile, f"--effects={options.effects}", place, "--", options.robot)
+    folder = find_build_folder(options.out)
+    robot = find_robot_file(options.robot, folder)
+    given = ("--profile", options.profile, f"--effects={options.effects}", f"--out={folder}", "--", robot)
     done = run_generator("check", *given)
     if options.json:
         is_right = done.code == 0

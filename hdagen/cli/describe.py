@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     """
     from hdagen.arm.compiled_arm import load
 
-    arm = load(options.robot, options.profile, read_effect_names(options), options.out)
+    arm = load(options.robot, options.profile, read_effect_names(options), options.out, in_space=True)
     parameters = _select_parameters(arm, options.names)
     if options.json:
         print(json.dumps(_make_content(arm, parameters, bool(options.names)), indent=1))
@@ -145,13 +145,15 @@ def _print_joints(console: Console, joints: Iterable[Mapping[str, Any]]) -> None
             kind = "rigid"
         if drive["torque_constant"] is None:
             given = "torque"
-        numbers = (drive["ratio"]["nominal"], joint["length"]["nominal"], joint["mass"]["nominal"])
+        length = joint["length"]["nominal"] if "length" in joint else math.hypot(*joint["origin"])
+        numbers = (drive["ratio"]["nominal"], length, joint["mass"]["nominal"])
         bounds = (limits["torque"], limits["speed"])
         motion = "none stated"
         if limits["position"]:
             motion = "{:g} to {:g}".format(*limits["position"])
         stated = [_format_number(value) for value in (*numbers, *bounds)]
-        table.add_row(str(number), joint["kind"], kind, given, *stated, motion)
+        label = f"{joint['name']} ({number})" if "name" in joint else str(number)
+        table.add_row(label, joint["kind"], kind, given, *stated, motion)
     console.print(table)
 
 

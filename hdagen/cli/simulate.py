@@ -1,4 +1,5 @@
-"""`hdagen simulate`: a controller drives the compiled arm around a circle and is pushed; the log is written."""
+"""`hdagen simulate`: a controller drives the compiled arm around a circle, or in space swings its joints, and is
+pushed; the log is written."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from hdagen.arm.compiled_arm import Arm
     from hdagen.control.guarded_controller import Controller
     from hdagen.control.reference_motion import Reference
-    from hdagen.simulation.simulator import Simulation
+    from hdagen.simulation.simulator import Push, Simulation, SpacePush
 
 SIMULATE_EXAMPLE = """example:
   hdagen simulate paper --controller admittance_cartesian --push 3 4 15 0 --push 6 7 0 15 --gain stiffness_x=800 --out
@@ -37,7 +38,11 @@ def add_parser(commands: Any) -> None:
     )
     p.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     p.add_argument("--built", action="store_true", help="ROBOT is the folder of a build, whose compiled code is run")
-    p.add_argument("--controller", choices=CONTROLLERS, default="impedance_cartesian")
+    p.add_argument(
+        "--controller",
+        choices=CONTROLLERS,
+        help="default: impedance_cartesian, and impedance_joint for an arm in space",
+    )
     p.add_argument("--config", default=None, metavar="controller.toml", help="of --controller mpc: docs/guides/mpc.md")
     p.add_argument(
         "--gain",
@@ -49,11 +54,11 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--push",
         action="append",
-        nargs=4,
+        nargs="+",
         type=float,
         default=[],
-        metavar=("FROM", "TO", "FX", "FY"),
-        help="s, s, N, N; may be repeated",
+        metavar="NUMBER",
+        help="FROM TO FX FY (s, s, N, N); in space FROM TO FX FY FZ [MX MY MZ]; may be repeated",
     )
     p.add_argument("--seconds", type=float, default=10.0)
     p.add_argument("--radius", type=float, default=0.05, help="of the circle, m")
@@ -101,7 +106,6 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.log.data_table import find_write_problems
     from hdagen.log.measured_log import write
     from hdagen.simulation.simulated_sensors import Sensors
-    from hdagen.simulation.simulator import Push
     from hdagen.simulation.simulator import run as simulate
 
     if problems := find_write_problems(options.out):
@@ -111,12 +115,12 @@ def run(options: argparse.Namespace) -> int:
     if options.config:
         raise PlantError("--config is of the predictive controller; take --controller mpc, or leave it out.")
     gains = _parse_gains(options.gain)
-    arm = Arm(options.robot) if options.built else load(options.robot, profile=options.profile)
-    damping = tuple(20 * j["drive"]["motor_inertia"]["nominal"] for j in arm.robot["joints"])  # motors stop in 1/20 s
-    guard = Guard(Safe[options.safe.upper()], safe_damping=damping)
-    controller = Controller(arm, options.controller, guard, gains)
+    arm = Arm(options.robot) if options.built else load(options.robot, profile=options.profile, in_space=True)
+    law = options.controller or ("impedance_joint" if arm.moves_in_space else "impedance_cartesian")
+    guard = Guard(Safe[options.safe.upper()], safe_damping=_choose_damping(arm))
+    controller = Controller(arm, law, guard, gains)
     path = _make_path(options, arm, controller.guard.period)
-    pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
+    pushes = _read_pushes(options.push)
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("simulating", total=len(path.position))
 
@@ -130,14 +134,17 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(figures, indent=1))
     else:
-        print(f"{options.out}: {figures['rows']} rows of {arm.robot['name']} under {options.controller}")
+        print(f"{options.out}: {figures['rows']} rows of {arm.robot['name']} under {law}")
         _print_figures(figures)
     return 0
 
 
 def _make_path(options: argparse.Namespace, arm: Arm, period: float) -> Reference:
+    from hdagen.control.joint_motion import swing_joints
     from hdagen.control.reference_motion import circle
 
+    if arm.moves_in_space:
+        return swing_joints(arm, options.turn, options.seconds, period)
     reach = sum(joint["length"]["nominal"] for joint in arm.robot["joints"])
     center = tuple(options.center or (2 * reach / 3, 0.0))
     return circle(options.radius, center, options.turn, options.seconds, period)
@@ -165,7 +172,9 @@ def _simulate_predictive(options: argparse.Namespace) -> int:
     path = _make_path(options, arm, float(c["mpc.period"]))
     if c["mpc.space"] == "joint":
         path = convert_to_joint_motion(arm, path, [0.6] * arm.n)
-    pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
+    pushes = [push for push in _read_pushes(options.push) if isinstance(push, Push)]
+    if len(pushes) < len(options.push):
+        raise PlantError("--push takes FROM TO FX FY with --controller mpc.")
     found, result = simulate_with_record(arm, c, path, pushes, Sensors(delay=options.delay), options.seed, options.out)
     if options.json:
         figures: dict[str, Any] = {"log": str(options.out), "record": str(find_record_path(options.out))}
@@ -179,6 +188,32 @@ def _simulate_predictive(options: argparse.Namespace) -> int:
         )
         print("\n".join(format_simulated_run(found, result)))
     return 0
+
+
+def _choose_damping(arm: Arm) -> tuple[float, ...]:
+    """Damping of the safe state, N m s/rad: a motor stops in 1/20 s; one without a rotor of its own in 10 rad/s."""
+    found = []
+    for joint, slot in zip(arm.robot["joints"], arm.manifest["input"], strict=False):
+        rotor = joint["drive"]["motor_inertia"]["nominal"]
+        found.append(20 * rotor or 0.1 * slot["bound"])
+    return tuple(found)
+
+
+def _read_pushes(stated: list[list[float]]) -> list[Push | SpacePush]:
+    """The pushes; one of too few numbers is refused."""
+    from hdagen.arm.build_loader import PlantError
+    from hdagen.simulation.simulator import Push, SpacePush
+
+    for numbers in stated:
+        if len(numbers) not in (4, 5, 8):
+            raise PlantError(f"--push takes FROM TO FX FY, in space FROM TO FX FY FZ [MX MY MZ], not {len(numbers)}.")
+    made: list[Push | SpacePush] = []
+    for start, end, *force in stated:
+        if len(force) == 2:
+            made.append(Push(start, end, (force[0], force[1])))
+        else:
+            made.append(SpacePush(start, end, tuple(force)))
+    return made
 
 
 def _parse_gains(given: list[str]) -> dict[str, float]:
@@ -199,11 +234,14 @@ def _summarize_run(arm: Arm, controller: Controller, path: Reference, result: Si
 
     from hdagen.simulation.simulator import simulate_ideal_admittance
 
-    against, goal = "the circle", path.position
+    against, goal, shown = "the circle", path.position, result.tip
+    if path.space == "joint":
+        against = "the joints' motion"
+        shown = result.state[:, [arm.index(f"joint_position_{j + 1}") for j in range(arm.n)]]
     if "mass_x" in controller.gains:
         against = "the ideal mass-damper-spring motion"
         goal = goal + simulate_ideal_admittance(arm, controller, result.push, path.period)
-    gap = np.linalg.norm(result.tip - goal, axis=1)
+    gap = np.linalg.norm(shown - goal, axis=1)
     refused, first = result.status[result.status < 0], None
     if len(refused):
         first = controller.sentence(int(refused[0]))
@@ -221,7 +259,10 @@ def _summarize_run(arm: Arm, controller: Controller, path: Reference, result: Si
 
 def _print_figures(figures: dict[str, Any]) -> None:
     largest, rms = 1e3 * figures["largest_gap"], 1e3 * figures["rms_gap"]
-    print(f"tip against {figures['against']}: {largest:.2f} mm at most, {rms:.2f} mm rms")
+    what, unit = "tip", "mm"
+    if figures["against"] == "the joints' motion":
+        what, unit = "joints", "mrad"
+    print(f"{what} against {figures['against']}: {largest:.2f} {unit} at most, {rms:.2f} {unit} rms")
     why = ""
     if figures["ticks_refused"]:
         why = f": {figures['first_refusal']}"

@@ -39,10 +39,10 @@ COLUMN_UNITS: dict[str, dict[str, float]] = {
     "motor_velocity": _RATE_UNITS,
     "joint_velocity": {**_RATE_UNITS, "m/s": 1.0, "mm/s": 1e-3},
     "motor_temperature": {"K": 1.0, "degC": 1.0},
-    "tip_force_x": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "tip_force_y": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    **{f"tip_force_{axis}": {"N": 1.0, "mN": 1e-3, "kN": 1e3} for axis in "xyz"},
+    **{f"tip_moment_{axis}": {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3} for axis in "xyz"},
 }
-WHOLE_ARM_COLUMNS = ("time", "tip_force_x", "tip_force_y")
+WHOLE_ARM_COLUMNS = ("time", *(f"tip_{noun}_{axis}" for noun in ("force", "moment") for axis in "xyz"))
 RAW_UNITS = ("V", "mV", "percent", "counts")  # units of any column that needs a scale
 _MOST_NAMED_COLUMNS = 20  # missing columns that are named
 _MOST_COMPARED_COLUMNS = 1000  # names among which the nearest one is looked for

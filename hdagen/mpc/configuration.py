@@ -299,6 +299,8 @@ def find_incompatibilities(robot: Mapping[str, Any], c: Configuration) -> list[s
         One sentence for each problem.
 
     """
+    if "tip" in robot:
+        return [f"{robot['name']}: its joints stand in space, possible with this controller are arms in the plane."]
     found = list(_find_wrong_counts(robot, c))
     if found:
         return found

@@ -28,6 +28,7 @@ __all__ = [
     "Push",
     "Sensors",
     "Simulation",
+    "SpacePush",
     "find_start",
     "run",
     "simulate",
@@ -48,16 +49,25 @@ class Push:
 
 
 @dataclass(frozen=True)
+class SpacePush:
+    """The same on an arm in space: three components, N, and after them those of a moment, N m, or none."""
+
+    start: float
+    end: float
+    force: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Simulation:
     """A simulated log, and the truth at the same rows.
 
     Attributes:
         log: The log, as sensors read it.
         state: (T, nx).
-        tip: (T, 2), m.
+        tip: (T, 2), or (T, 3) in space, m.
         joint_torque: (T, n), N m.
         torque: (T, n), sent to the motors, N m.
-        push: (T, 2), the force of the world on the tip, N.
+        push: (T, 2), or (T, 6) in space, the force of the world on the tip, N, and its moment, N m.
         status: (T), the controller's status of each tick.
         beyond_law: The number of rows in which a torsion lay beyond the spring law.
 
@@ -77,7 +87,7 @@ def simulate(
     arm: Arm,
     controller: Controller,
     reference: Reference,
-    pushes: Sequence[Push] = (),
+    pushes: Sequence[Push | SpacePush] = (),
     sensors: Sensors | None = None,
     seed: int = 0,
     start: ArrayLike | None = None,
@@ -109,7 +119,7 @@ def run(
     arm: Arm,
     controller: Controller,
     reference: Reference,
-    pushes: Sequence[Push] = (),
+    pushes: Sequence[Push | SpacePush] = (),
     sensors: Sensors | None = None,
     seed: int = 0,
     start: ArrayLike | None = None,
@@ -142,12 +152,14 @@ def run(
     q0 = find_start(arm, reference, start)
     wanted = convert_to_law_space(controller, reference, q0)
     rows, count = controller.rows(wanted), len(reference.position)
-    push = sum_push_forces(pushes, reference.time)
+    push = sum_push_forces(pushes, reference.time, arm.nu - arm.n)
     scheme = resolve_sensor_errors(arm, sensors or Sensors())
     if not isinstance(seed, int) or seed < 0:
         raise PlantError(f"the seed is a whole number from 0, not {seed}.")
     random = np.random.default_rng(seed)
-    felt = push + random.normal(size=(count, 2)) * scheme.force_noise
+    felt = push.copy()
+    forces = min(push.shape[1], 3)  # a moment is measured without noise
+    felt[:, :forces] += random.normal(size=(count, forces)) * scheme.force_noise
     shaken = random.normal(size=(count, arm.n)) * np.asarray(scheme.current_noise)
     wobble = scheme.draw_encoder_noise(count, seed)
     seen, state, torque, shown, status = _simulate_ticks(
@@ -156,7 +168,7 @@ def run(
     commanded = torque / compute_torque_per_input(arm)
     truth = arm.outputs(state, np.hstack([shown, push]))
     columns = _make_columns(arm, wanted, seen, commanded, shown + shaken)
-    columns["tip_force_x"], columns["tip_force_y"] = np.ascontiguousarray(felt.T)
+    columns |= dict(zip(arm.input_names[arm.n :], np.ascontiguousarray(felt.T), strict=True))
     log = Log(reference.time, columns, arm.n, f"simulated: {arm.robot['name']}, {controller.law}, seed {seed}")
     beyond = int(np.any(truth["beyond_law"] > 0, axis=1).sum())
     return Simulation(log, state, truth["tip"], truth["joint_torque"], torque, push, status, beyond)
@@ -217,25 +229,30 @@ def _check_sizes(arm: Arm, controller: Controller, reference: Reference) -> None
         )
 
 
-def sum_push_forces(pushes: Sequence[Push], time: Array) -> Array:
+def sum_push_forces(pushes: Sequence[Push | SpacePush], time: Array, size: int = 2) -> Array:
     """Add up pushes over time.
 
     Args:
         pushes: The pushes.
         time: (T), s.
+        size: Numbers of a push: 2 in the plane, 6 in space, of which a push may give the first 3 alone.
 
     Returns:
-        (T, 2), the force on the tip, N.
+        (T, size), the force on the tip, N, and in space its moment, N m.
 
     Raises:
-        PlantError: A push does not end after its begin, or is not finite.
+        PlantError: A push does not end after its begin, is not finite, or has another number of components.
 
     """
-    total = np.zeros((len(time), 2))
+    total = np.zeros((len(time), size))
+    possible = {2: (2,), 6: (3, 6)}[size]
     for push in pushes:
+        if len(push.force) not in possible:
+            many = " or ".join(map(str, possible))
+            raise PlantError(f"a push on this arm's tip has {many} components, not {len(push.force)}: {push}.")
         if not (np.isfinite([push.start, push.end, *push.force]).all() and push.start < push.end):
             raise PlantError(f"a push lasts from a time to a later one with a finite force, not {push}.")
-        total[(time >= push.start) & (time < push.end)] += push.force
+        total[(time >= push.start) & (time < push.end), : len(push.force)] += push.force
     return total
 
 

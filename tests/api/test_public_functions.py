@@ -25,7 +25,18 @@ from hdagen.diagnosis.stages.stage import Stage
 from hdagen.log.measured_log import Log, write
 from hdagen.prediction.window_replay import replay as replay_windows
 
-FUNCTIONS = ("adopt", "check", "diagnose", "excite", "load_robot", "read_diagnosis", "read_log", "replay", "simulate")
+FUNCTIONS = (
+    "adopt",
+    "check",
+    "diagnose",
+    "excite",
+    "export",
+    "load_robot",
+    "read_diagnosis",
+    "read_log",
+    "replay",
+    "simulate",
+)
 HEAVY = ("numpy", "scipy", "pyarrow", "pandas", "polars", "casadi", "rich")
 
 

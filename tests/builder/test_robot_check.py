@@ -83,7 +83,7 @@ def test_fastest_mode_of_one_spring_is_that_of_two_masses(tmp_path: Path) -> Non
         and p.wave_generator_stiffness
         and p.wave_generator_stiffening
     )
-    link = joint.inertia.nominal + joint.mass.nominal * joint.center_of_mass.nominal**2
+    link = joint.link.inertia.nominal + joint.mass.nominal * joint.link.center_of_mass.nominal**2
     rotor = p.ratio.nominal**2 * p.motor_inertia.nominal
     for mode, torque in ((found.unloaded, 0.0), (found.loaded, 40.0)):
         flexspline = 1 / (p.flexspline_stiffness.nominal * (1 + (p.flexspline_stiffening.nominal * torque) ** 2))

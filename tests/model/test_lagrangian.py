@@ -11,7 +11,8 @@ import pytest
 import sympy as sp
 from numpy.typing import NDArray
 
-from gen.model.kinematic_chain import Chain
+from gen.model.chain_dynamics import ChainDynamics
+from gen.model.kinematic_chain import planar_links
 from gen.model.lagrangian import Lagrangian, derive_lagrangian, make_numeric
 
 R, P = "revolute", "prismatic"
@@ -207,11 +208,16 @@ def test_what_cannot_be_derived_is_refused_in_one_go() -> None:
 # -- against the CasADi graph ---------------------------------------------------------------------------------------
 
 
+def chain_of(kinds: tuple[str, ...]) -> ChainDynamics:
+    """The chain in the plane."""
+    return ChainDynamics(*planar_links(kinds), in_space=False)
+
+
 @cache
 def graph(kinds: tuple[str, ...]) -> ca.Function:
-    """Everything ``gen.model.kinematic_chain`` says of the chain, as one CasADi function of q, v, a, the tip force and
+    """Everything ``gen.model.chain_dynamics`` says of the chain, as one CasADi function of q, v, a, the tip force and
     the parameters."""
-    model, chain, n = derive_lagrangian(kinds), Chain(kinds), len(kinds)
+    model, chain, n = derive_lagrangian(kinds), chain_of(kinds), len(kinds)
     q, v, a, force = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("a", n), ca.SX.sym("force", 2)
     vector = ca.SX.sym("p", len(model.parameters))
     p = {str(symbol): vector[k] for k, symbol in enumerate(model.parameters)}
@@ -255,7 +261,7 @@ def test_casadi_tip_mass_is_a_point_at_the_derived_tip(kinds: tuple[str, ...]) -
     for q, v, p in samples(model):
         mass = 0.7
         loaded = {name: ca.SX(value) for name, value in (p | {"tip_mass": mass}).items()}
-        M, g = Chain(kinds).mass_matrix(ca.SX(q), loaded), Chain(kinds).gravity_torque(ca.SX(q), loaded)
+        M, g = chain_of(kinds).mass_matrix(ca.SX(q), loaded), chain_of(kinds).gravity_torque(ca.SX(q), loaded)
         J = numbers.jacobian(q, v, p)
         pull = np.array([p["gravity_x"], p["gravity_y"]])
         close(np.array(ca.DM(ca.evalf(M))), numbers.mass_matrix(q, v, p) + mass * J.T @ J)
@@ -269,12 +275,12 @@ def test_casadi_inverse_branches_reach_the_derived_tip() -> None:
     for q, v, p in samples(model):
         point = numbers.tip(q, v, p)
         postures = np.array(
-            ca.DM(ca.evalf(Chain((R, R)).inverse_branches(ca.SX(point), {k: ca.SX(x) for k, x in p.items()})))
+            ca.DM(ca.evalf(chain_of((R, R)).inverse_branches(ca.SX(point), {k: ca.SX(x) for k, x in p.items()})))
         )
         assert postures[1, 0] >= 0 >= postures[1, 1]
         for posture in postures.T:
             close(numbers.tip(posture, v, p), point, bound=1e-9)
         assert min(np.abs(np.exp(1j * posture) - np.exp(1j * q)).max() for posture in postures.T) < 1e-6
         beyond = ca.SX(point / np.linalg.norm(point) * (p["length_1"] + p["length_2"] + 0.01))
-        nowhere = ca.DM(ca.evalf(Chain((R, R)).inverse_branches(beyond, {k: ca.SX(x) for k, x in p.items()})))
+        nowhere = ca.DM(ca.evalf(chain_of((R, R)).inverse_branches(beyond, {k: ca.SX(x) for k, x in p.items()})))
         assert np.isnan(np.array(nowhere)).all()

@@ -159,7 +159,8 @@ def test_every_kind_of_part_is_drawn_and_stands_on_the_page(tmp_path: Path) -> N
     again = figure_store.store_figure(tmp_path, result, "k", 0.0)
     assert again["files"] == content["files"]
     target = paper_page.write_page(tmp_path, [content], figure_store.read_sections(tmp_path, ["fig0"]))
-    html = target.read_text(encoding="utf-8")
+    html = target.read_text(encoding="utf-8") + (tmp_path / "fig0.html").read_text(encoding="utf-8")
+    assert 'href="fig0.html"' in html
     for words in ("All kinds", "it says", "&lt;why", "settling", "Errata", "K_w0 e^"):
         assert words in html, words
     assert "<why>" not in html
@@ -180,7 +181,8 @@ def test_words_that_are_html_are_text(tmp_path: Path) -> None:
         [figure_store.store_figure(tmp_path, result, "k", 0.0)],
         figure_store.read_sections(tmp_path, ["fig0"]),
     )
-    check_escaped(target.read_text(encoding="utf-8"), 10)
+    check_escaped(target.read_text(encoding="utf-8"), 3)
+    check_escaped((tmp_path / "fig0.html").read_text(encoding="utf-8"), 8)
     svg = (tmp_path / "fig0.svg").read_text(encoding="utf-8")
     assert "<script" not in svg and "<img" not in svg
 

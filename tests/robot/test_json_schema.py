@@ -65,7 +65,7 @@ def test_it_refuses_what_the_reader_refuses(found: str, instead: str) -> None:
     "effect",
     [
         {"name": "backlash"},
-        {"name": "backlash", "joint": 7},
+        {"name": "backlash", "joint": 13},
         {"name": "backlash", "joint": 1, "payload_mass": 0.5},
         {"name": "back lash", "joint": 1},
         {"name": "payload", "joint": 1, "payload_mass": 1e9},

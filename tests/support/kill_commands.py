@@ -4,7 +4,7 @@ kill_commands.py COMMAND FOLDER COUNT SEED makes COUNT kills of `hdagen COMMAND`
 which writes into FOLDER/out; then it runs once to its end.
 
 It forks itself when all is imported. What takes long and writes nothing is done before (the diagnosis) or stands for
-itself (the program that a fleet and a check of sealed cases start).
+itself (the diagnosis of a fleet's machines and of sealed cases).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pyarrow.parquet as pq
-import test_fleet
+import trivial_tasks
 from replayed import FLEXIBLE, diagnosis
 from test_diagnosis_report import NAMES, TRUTHS, seen
 
@@ -69,29 +69,15 @@ def robot(folder: Path) -> Path:
     return folder / "robot.toml"
 
 
-STAND_IN = (
-    test_fleet.STAND_IN.partition('(o.out / "diagnosis.json").write_text(json.dumps(found))')[0]
-    + """
-for name, text in (("diagnosis.json", json.dumps(found)), ("report.html", "<html></html>")):
-    (o.out / ".new").write_text(text)
-    os.replace(o.out / ".new", o.out / name)
-"""
-)
-
-
 def prepare_fleet(folder: Path) -> list[str]:
-    (folder / "stand_in.py").write_text(STAND_IN)
-    os.environ["CALLS"] = str(folder / "calls")
-    fleet_diagnosis.diagnose_fleet = partial(
-        fleet_diagnosis.diagnose_fleet, command=(sys.executable, str(folder / "stand_in.py"))
-    )
+    fleet_diagnosis.diagnose_fleet = partial(fleet_diagnosis.diagnose_fleet, make_task=trivial_tasks.make_stand_in)
     robot(folder)
     text = ""
     for name in "abcd":
         (folder / f"{name}.csv").write_text("find payload@2")
         text += f'[[machine]]\nrobot = "robot.toml"\nlog = "{name}.csv"\n'
     (folder / "fleet.toml").write_text(text)
-    return ["diagnose", "--fleet", str(folder / "fleet.toml"), "--jobs", "2", "--out", str(folder / "out")]
+    return ["diagnose", "--fleet", str(folder / "fleet.toml"), "--jobs", "1", "--out", str(folder / "out")]
 
 
 def prepare_paper(folder: Path) -> list[str]:

@@ -111,7 +111,10 @@ def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
     atoms = tuple(Candidate(EFFECTS[name], 2, (), {}, True) for name in ("thermal_friction", "current_bias"))
     words = SimpleNamespace(
-        members=atoms, amplitude_columns=list, to_theta=lambda p: p, presence_threshold=lambda k: 0.3
+        members=atoms,
+        measure_size=lambda k, theta: abs(theta[k]),
+        to_theta=lambda p: p,
+        presence_threshold=lambda k: 0.3,
     )
     words.names_of = lambda some: tuple(sorted(atoms[k].name for k in some))
 

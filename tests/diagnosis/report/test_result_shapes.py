@@ -32,7 +32,9 @@ from hdagen.diagnosis.holdout.holdout_check import choose_model
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import remove_unknown
 from hdagen.diagnosis.report import report_page
-from hdagen.diagnosis.report.sentences import explain_confounding, write_verdict
+from hdagen.diagnosis.report.confounding import explain_confounding
+from hdagen.diagnosis.report.repeat_commands import DiagnosedFiles
+from hdagen.diagnosis.report.sentences import write_verdict
 from hdagen.diagnosis.residuals.localization import localize_gap
 from hdagen.diagnosis.residuals.residual_torque import see_residual_torque
 from hdagen.fleet import fleet_page
@@ -269,6 +271,7 @@ def test_every_page_is_written(one: tuple[Arm, Log], which: str, tmp_path: Path)
         said["where"] = localize_gap(sight, said["verdict"], held.rows)
         seen = HoldoutMotion(held, lambda _: before, before, before, before)
         found = SimpleNamespace(content=said, after=after, holdout=seen, residual_torque=sight)
-        report_page.write_report(found, tmp_path / "report.html", "again")  # type: ignore[arg-type]
+        files = DiagnosedFiles("robot.toml", ("log.csv",), (), tmp_path)
+        report_page.write_report(found, tmp_path / "report.html", files)  # type: ignore[arg-type]
         assert "</html>" in (tmp_path / "report.html").read_text(encoding="utf-8")
         json.dumps(said, allow_nan=False)

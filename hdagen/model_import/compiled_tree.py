@@ -1,0 +1,318 @@
+"""A model as MuJoCo compiles it: bodies, joints and inertias as numbers, without anything that needs a mesh.
+
+MuJoCo's own parser resolves defaults, classes, includes, orientations and inertias. Geometry, sensors and the rest are
+taken out before, so that files of meshes need not be there.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdagen.model_import.model_file import ModelError, ModelFile
+
+Array = NDArray[np.float64]
+KINDS = {0: "free", 1: "ball", 2: "prismatic", 3: "revolute"}  # mjtJoint
+TENSOR_ERROR = 1e-9  # of the largest entry, by which principal axes may differ from the six numbers
+PLACEHOLDER = 1e-6  # kg and kg m² of a moving body without mass, which MuJoCo refuses; taken off again
+NO_MUJOCO = "pip install 'hdagen[mujoco]'"
+
+
+@dataclass(frozen=True)
+class TreeJoint:
+    """A joint of a body; vectors in the body's frame.
+
+    Attributes:
+        name: Its name; empty where it has none.
+        kind: "revolute", "prismatic", "ball" or "free".
+        place: (3), its anchor, m.
+        axis: (3), unit vector.
+        reference: Its position in the posture that the file shows.
+        range: Its limits; None where it has none.
+        torque: Its largest torque or force; None where the file states none.
+        speed: Its largest speed; None where the file states none.
+        armature: kg m² or kg.
+        damping: N m s/rad or N s/m.
+        friction: N m or N.
+        is_servo: Whether an actuator of it closes a loop of its own.
+        has_curve: Whether its damping is not linear.
+        is_coupled: Whether an equation couples it to another joint.
+
+    """
+
+    name: str
+    kind: str
+    place: Array
+    axis: Array
+    reference: float
+    range: tuple[float, float] | None
+    torque: float | None
+    speed: float | None
+    armature: float
+    damping: float
+    friction: float
+    is_servo: bool
+    has_curve: bool
+    is_coupled: bool
+
+
+@dataclass(frozen=True)
+class TreeBody:
+    """A body; the frame in its parent's.
+
+    Attributes:
+        name: Its name.
+        parent: Its parent's index; −1 for the world.
+        position: (3), m.
+        rotation: (3 × 3).
+        mass: kg.
+        center: (3), centre of mass, m.
+        inertia: (3 × 3), about it, in the body's frame, kg m².
+        joints: Its joints.
+        sites: Position and rotation of its sites by name.
+        is_looped: Whether an equation ties it to another body.
+
+    """
+
+    name: str
+    parent: int
+    position: Array
+    rotation: Array
+    mass: float
+    center: Array
+    inertia: Array
+    joints: tuple[TreeJoint, ...]
+    sites: dict[str, tuple[Array, Array]]
+    is_looped: bool
+
+
+@dataclass(frozen=True)
+class Tree:
+    """All bodies of a model, parents first; the world is the first.
+
+    Attributes:
+        name: The model's name.
+        gravity: (3), in the world's frame, m/s².
+        states_gravity: Whether the format states gravity.
+        bodies: The bodies.
+        notes: Sentences on parts that were left out.
+
+    """
+
+    name: str
+    gravity: Array
+    states_gravity: bool
+    bodies: tuple[TreeBody, ...]
+    notes: tuple[str, ...]
+
+
+def compile_tree(file: ModelFile) -> Tree:
+    """Compile a model.
+
+    Args:
+        file: The model file.
+
+    Returns:
+        Its bodies.
+
+    Raises:
+        ModelError: MuJoCo is missing or refuses the model, or a body's inertia would come from a mesh.
+
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise ModelError(f"{file.label}: MuJoCo reads it, and is not installed; {NO_MUJOCO}.") from None
+    try:
+        spec = mujoco.MjSpec.from_file(str(file.path))
+    except (ValueError, RuntimeError, OSError) as error:
+        raise ModelError(f"{file.label}: MuJoCo cannot read it ({_first_line(error)}); correct it there.") from None
+    notes = _check_elements(spec)
+    forces = _find_actuators(spec)
+    coupled, looped = _find_equations(spec)
+    tensors = {body.name: _read_tensor(mujoco, body) for body in spec.bodies if body.name}
+    weightless = _strip_geometry(spec, file)
+    try:
+        model = spec.compile()
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(f"{file.label}: MuJoCo refuses it ({_first_line(error)}); correct it there.") from None
+    bodies = []
+    for index in range(model.nbody):
+        body = model.body(index)
+        joints = tuple(
+            _read_joint(model, file, k, forces, coupled) for k in range(model.njnt) if model.jnt_bodyid[k] == index
+        )
+        quaternion, weight = model.body_iquat[index], 0.0 if body.name in weightless else float(model.body_mass[index])
+        axes = _rotation(mujoco, quaternion)
+        inertia = axes @ np.diag(model.body_inertia[index]) @ axes.T * (body.name not in weightless)
+        tensor = tensors.get(body.name)
+        if tensor is not None and np.allclose(tensor, inertia, rtol=0, atol=TENSOR_ERROR * np.abs(inertia).max()):
+            inertia = tensor  # as the file has it
+        sites = {
+            model.site(k).name: (model.site_pos[k].copy(), _rotation(mujoco, model.site_quat[k]))
+            for k in range(model.nsite)
+            if model.site_bodyid[k] == index
+        }
+        place, turned = model.body_pos[index].copy(), _rotation(mujoco, model.body_quat[index])
+        parent = int(model.body_parentid[index]) if index else -1
+        center = model.body_ipos[index].copy()
+        loop = body.name in looped
+        bodies.append(TreeBody(body.name, parent, place, turned, weight, center, inertia, joints, sites, loop))
+    return Tree(spec.modelname, model.opt.gravity.copy(), not file.is_urdf, tuple(bodies), tuple(notes))
+
+
+def _first_line(error: Exception) -> str:
+    """MuJoCo's words in one line, without its own advice of where it is."""
+    return re.sub(r"\s+", " ", str(error)).removeprefix("Error: ").strip()[:300].rstrip(".")
+
+
+def _rotation(mujoco: Any, quaternion: Array) -> Array:
+    found = np.empty(9)
+    mujoco.mju_quat2Mat(found, np.ascontiguousarray(quaternion))
+    return found.reshape(3, 3)
+
+
+def _read_tensor(mujoco: Any, body: Any) -> Array | None:
+    """The inertia that a body states with six numbers, in the body's frame, kg m²; None where it states none.
+
+    MuJoCo keeps the principal axes of it alone, with an error of about 1e-12.
+    """
+    xx, yy, zz, xy, xz, yz = (float(entry) for entry in body.fullinertia)
+    if np.isnan(xx):
+        return None
+    turned = _rotation(mujoco, np.asarray(body.iquat, float))
+    return turned @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turned.T
+
+
+def _check_elements(spec: Any) -> list[str]:
+    """Sentences on elements that a chain does not take over."""
+    said = {
+        "keyframes": len(spec.keys), "tendons": len(spec.tendons), "contact pairs": len(spec.pairs),
+        "flexible bodies": len(spec.flexes), "sensors": len(spec.sensors),
+    }  # fmt: skip
+    found = ", ".join(f"{count} {noun}" for noun, count in said.items() if count)
+    return [f"left out: {found}"] if found else []
+
+
+def _find_actuators(spec: Any) -> dict[str, tuple[float | None, bool]]:
+    """For each joint with an actuator: the largest torque that it gives, and whether it closes a loop of its own."""
+    found: dict[str, tuple[float | None, bool]] = {}
+    for actuator in spec.actuators:
+        if int(actuator.trntype) > 1:  # of a joint, or of a joint in its parent's frame
+            continue
+        gear, limit = abs(float(actuator.gear[0])) or 1.0, None
+        servo = bool(np.any(np.asarray(actuator.biasprm)[1:3] != 0)) and int(actuator.biastype) != 0
+        low, high = (float(end) for end in actuator.forcerange)
+        if int(actuator.forcelimited) == 1 or (int(actuator.forcelimited) == 2 and low < high):
+            limit = gear * min(abs(low), abs(high))
+        elif not servo and float(actuator.ctrlrange[0]) < float(actuator.ctrlrange[1]):
+            limit = gear * abs(float(actuator.gainprm[0])) * min(abs(float(end)) for end in actuator.ctrlrange)
+        found[actuator.target] = (limit or None, servo)
+    return found
+
+
+def _find_equations(spec: Any) -> tuple[set[str], set[str]]:
+    """Joints that an equation couples, and bodies that one ties to another."""
+    joints: set[str] = set()
+    bodies: set[str] = set()
+    for equation in spec.equalities:
+        names = {str(equation.name1), str(equation.name2)} - {""}
+        if equation.type.name == "mjEQ_JOINT":
+            joints |= names
+        else:
+            bodies |= names
+    return joints, bodies
+
+
+def _strip_geometry(spec: Any, file: ModelFile) -> set[str]:
+    """Take out what needs files or is not mechanics of the tree; names of bodies without mass are returned."""
+    weightless = set()
+    automatic = spec.compiler.inertiafromgeom.name.endswith("AUTO")
+    always = spec.compiler.inertiafromgeom.name.endswith("TRUE")
+    for number, body in enumerate(spec.bodies):
+        body.name = body.name or f"body_{number}"
+        states = bool(body.explicitinertial) and not always
+        uses_geometry = not states and (always or automatic) and not file.is_urdf
+        shapes = [geom for geom in body.geoms if uses_geometry and _has_weight(geom)]
+        if any(geom.type.name in ("mjGEOM_MESH", "mjGEOM_SDF", "mjGEOM_HFIELD") for geom in shapes):
+            raise ModelError(
+                f"{file.label}, body {body.name}: found no inertia but that of a mesh, which is"
+                " not read, as a mesh is the hull of a body and not its mass; write <inertial> into the body."
+            )
+        for geom in list(body.geoms):
+            if geom not in shapes:
+                spec.delete(geom)
+        if states and body.mass > 0:
+            continue
+        if body is not spec.worldbody and not shapes and body.name != "world":
+            weightless.add(body.name)
+            if body.joints:
+                body.explicitinertial, body.mass = True, PLACEHOLDER
+                body.inertia = [PLACEHOLDER] * 3
+                body.fullinertia = [float("nan")] * 6
+    for kind in ("keys", "sensors", "actuators", "equalities", "tendons", "pairs", "excludes", "skins", "flexes"):
+        for element in list(getattr(spec, kind)):
+            spec.delete(element)
+    for kind in ("meshes", "hfields", "materials", "textures", "cameras", "lights", "tuples", "numerics", "texts"):
+        for element in list(getattr(spec, kind)):
+            spec.delete(element)
+    spec.compiler.fusestatic = False
+    spec.compiler.inertiafromgeom = type(spec.compiler.inertiafromgeom).mjINERTIAFROMGEOM_AUTO
+    return weightless
+
+
+def _has_weight(geom: Any) -> bool:
+    """Whether MuJoCo would count a shape into its body's mass."""
+    return not (geom.mass == 0 or (np.isnan(geom.mass) and geom.density == 0))
+
+
+def _read_joint(
+    model: Any, file: ModelFile, k: int, forces: dict[str, tuple[float | None, bool]], coupled: set[str]
+) -> TreeJoint:
+    joint = model.joint(k)
+    kind, name = KINDS[int(model.jnt_type[k])], str(joint.name)
+    first = int(model.jnt_dofadr[k])
+    limit, servo = forces.get(name, (None, False))
+    if model.jnt_actfrclimited[k]:
+        stated = float(np.abs(model.jnt_actfrcrange[k]).min())
+        limit = min(stated, limit or stated) or None
+    bounds = None
+    if model.jnt_limited[k]:
+        bounds = (float(model.jnt_range[k][0]), float(model.jnt_range[k][1]))
+    damping = np.atleast_1d(model.dof_damping[first])
+    reference = 0.0
+    if kind in ("revolute", "prismatic"):
+        reference = float(model.qpos0[model.jnt_qposadr[k]])
+    return TreeJoint(
+        name,
+        kind,
+        model.jnt_pos[k].copy(),
+        model.jnt_axis[k].copy(),
+        reference,
+        bounds,
+        limit,
+        _find_speed(file, name),
+        float(model.dof_armature[first]),
+        float(damping[0]),
+        float(model.dof_frictionloss[first]),
+        servo,
+        bool(np.any(damping[1:])),
+        name in coupled,
+    )
+
+
+def _find_speed(file: ModelFile, name: str) -> float | None:
+    """The largest speed of a joint of a URDF, which MuJoCo does not read."""
+    for joint in file.root.findall("joint"):
+        limit = joint.find("limit")
+        if joint.get("name") == name and limit is not None:
+            try:
+                speed = float(limit.get("velocity", "0"))
+            except ValueError:
+                return None
+            return speed if 0 < speed < np.inf else None
+    return None

@@ -1,0 +1,121 @@
+"""A model file from outside: what it may hold, checked before MuJoCo sees it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+from hdagen.support.input_file import InputFileError, read_bytes
+from hdagen.support.messages import make_printable, show_path, show_value
+
+LARGEST_MODEL = 20_000_000  # bytes of all files of a model
+MODEL_SUFFIXES = (".urdf", ".xml", ".mjcf", ".xacro")
+DECLARATION = re.compile(rb"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
+
+
+class ModelError(Exception):
+    """A model that cannot be imported; one printable sentence."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(make_printable(text))
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A model that may be read.
+
+    Attributes:
+        path: The file.
+        label: Its name in sentences.
+        is_urdf: Whether it is URDF; else it is MJCF.
+        root: Its parsed XML, without the files that it includes.
+        included: The files that it includes.
+
+    """
+
+    path: Path
+    label: str
+    is_urdf: bool
+    root: ElementTree.Element
+    included: tuple[Path, ...] = field(default=())
+
+
+def is_model_file(robot: str | Path) -> bool:
+    """Tell whether a robot is named by a URDF or MJCF file.
+
+    Args:
+        robot: A preset, or a path.
+
+    Returns:
+        True where the name ends as those of models do.
+
+    """
+    return Path(robot).suffix.lower() in MODEL_SUFFIXES
+
+
+def read_model_file(path: str | Path) -> ModelFile:
+    """Read a model file and those that it includes, as far as safety asks for it.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The model file.
+
+    Raises:
+        ModelError: A file is missing, too large or no XML, declares entities, or lies outside the model's folder.
+
+    """
+    main = Path(path)
+    label = show_path(main)
+    if main.suffix.lower() == ".xacro":
+        raise ModelError(f"{label}: found xacro, possible is URDF; expand it by `xacro {label} > model.urdf`.")
+    raw = _read_part(main, 0)
+    root = _parse_xml(raw, label)
+    if root.tag not in ("robot", "mujoco"):
+        raise ModelError(f"{label}: found <{show_value(root.tag)}> at the top, possible are <robot> and <mujoco>.")
+    if any("wiki/xacro}" in str(element.tag) for element in root.iter()):
+        raise ModelError(f"{label}: found xacro, possible is URDF; expand it by `xacro {label} > model.urdf`.")
+    seen: list[Path] = []
+    if root.tag == "mujoco":
+        _follow_includes(main.resolve(), root, label, seen, len(raw))
+    return ModelFile(main, label, root.tag == "robot", root, tuple(seen))
+
+
+def _read_part(path: Path, before: int) -> bytes:
+    """The content of a file of a model of which ``before`` bytes are read already."""
+    try:
+        return read_bytes(path, LARGEST_MODEL - before, "give a URDF or an MJCF file without data in it")
+    except InputFileError as error:
+        raise ModelError(str(error)) from None
+
+
+def _parse_xml(raw: bytes, label: str) -> ElementTree.Element:
+    if DECLARATION.search(raw):
+        raise ModelError(f"{label}: found a DOCTYPE or ENTITY, which no robot model needs; remove it.")
+    try:
+        return ElementTree.fromstring(raw)
+    except (ElementTree.ParseError, ValueError, LookupError, RecursionError) as error:
+        raise ModelError(f"{label}: found text that is no XML ({error}); correct it there.") from None
+
+
+def _follow_includes(main: Path, root: ElementTree.Element, label: str, seen: list[Path], size: int) -> int:
+    """Check every file that an MJCF includes; the bytes read so far are returned."""
+    for element in root.iter():
+        if element.tag not in ("include", "model") or element.get("file") is None:
+            continue
+        name = str(element.get("file"))
+        found = (main.parent / name).resolve()
+        if not found.is_relative_to(main.parent):
+            raise ModelError(
+                f"{label}: <{element.tag}> names {show_value(name)}, possible is a file in the model's folder; copy it"
+                " there."
+            )
+        if found in (main, *seen):
+            raise ModelError(f"{label}: <{element.tag}> names {show_value(name)} again; include each file once.")
+        raw = _read_part(found, size)
+        seen.append(found)
+        size = _follow_includes(main, _parse_xml(raw, show_path(found)), show_path(found), seen, size + len(raw))
+    return size
