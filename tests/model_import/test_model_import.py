@@ -20,7 +20,7 @@ from hdagen.model_import.robot_writing import import_model, make_quaternion
 
 BODY = '<inertial pos="0.01 0.02 0.1" mass="{mass}" fullinertia="0.03 0.04 0.02 0.001 -0.002 0.003"/>'
 ARM = f"""<mujoco model="three links">
-  <option gravity="0 0 -9.81"/>
+  <option gravity="0 0 -9.81"/><compiler angle="radian"/>
   <default><default class="big"><joint armature="0.1" damping="2" frictionloss="0.7" range="-2 2"/></default></default>
   <asset><mesh name="shell" file="nowhere.stl"/></asset>
   <worldbody>
@@ -191,7 +191,7 @@ BAD: dict[str, tuple[str, str, str]] = {
         "MuJoCo cannot read it",
     ),
     "ball": (chain(1).replace("<joint ", '<joint type="ball" '), "a.xml", "is ball, possible are revolute and prism"),
-    "floating": (urdf(kind="floating"), "a.urdf", "is free, possible are revolute and prismatic"),
+    "floating": (urdf(kind="floating"), "a.urdf", "MuJoCo refuses it (free joint"),
     "two tips": (
         f"<mujoco><worldbody>{link('l')}</body>{link('r')}</body></worldbody></mujoco>",
         "a.xml",
