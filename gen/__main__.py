@@ -1,4 +1,4 @@
-"""Command line: build, list, describe, check, mend, time, truth."""
+"""Command line: build, list, describe, check, mend, wrap, time, truth."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ EXAMPLES = """examples:
   python -m gen check my_arm.toml"""
 
 
+NO_COMPILER = 6  # exit code: a build is wanted and no C compiler works
 TRACEBACK_VARIABLE = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
 
 
@@ -29,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     Returns:
         Exit code: 0 done; 2 a robot, an option, a compiler or a place to write that cannot be used; 4 an error that
-        was not foreseen; 130 interrupted; 141 nobody reads the output.
+        was not foreseen; 6 there is no C compiler; 130 interrupted; 141 nobody reads the output.
 
     """
     try:
@@ -81,7 +82,7 @@ def _make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(
-        dest="command", required=True, metavar="build | list | describe | check | mend | time | truth"
+        dest="command", required=True, metavar="build | list | describe | check | mend | wrap | time | truth"
     )
     build = commands.add_parser(
         "build",
@@ -120,7 +121,7 @@ def _make_parser() -> argparse.ArgumentParser:
 def _run_command(options: argparse.Namespace) -> int:
     """Run a command; problems that it foresees go to standard error."""
     from gen.builder.build import BuildError
-    from gen.builder.compiler import CompileError
+    from gen.builder.compiler import CompileError, MissingCompilerError
     from gen.mpc.problem_structure import StructureError
     from gen.robot.description import RobotError
 
@@ -131,6 +132,7 @@ def _run_command(options: argparse.Namespace) -> int:
             "describe": _describe_robot,
             "check": _check_robot,
             "mend": _print_remedy,
+            "wrap": _wrap_sources,
         }
         return (runs | {"time": _time_functions, "truth": _solve_problems})[options.command](options)
     except RobotError as error:
@@ -139,7 +141,7 @@ def _run_command(options: argparse.Namespace) -> int:
         return 2
     except (BuildError, CompileError, StructureError) as error:
         print("\n".join(escape_control_characters(line) for line in str(error).split("\n")), file=sys.stderr)
-        return 2
+        return NO_COMPILER if isinstance(error, MissingCompilerError) else 2
 
 
 def _time_functions(options: argparse.Namespace) -> int:
@@ -176,6 +178,11 @@ def _add_describe_and_mend(commands: Any) -> None:
     described.add_argument("robot", help="a preset or a robot.toml")
     mended = commands.add_parser("mend", help="print the step and the smoothing that carry a robot, as JSON")
     mended.add_argument("robot", help="a preset or a robot.toml")
+    wrapped = commands.add_parser("wrap", help="copy a build's C with a wrapper for other programs; prints its sources")
+    wrapped.add_argument("kind", choices=("firmware", "fmi2", "fmi3"), help="the wrapper")
+    wrapped.add_argument("build", type=Path, help="the folder of a build, portable")
+    wrapped.add_argument("folder", type=Path, help="where the files go; it may hold the wrapper's headers")
+    wrapped.add_argument("--library", default="", help="also compile them into a shared library of this name there")
 
 
 def _add_truth(commands: Any) -> None:
@@ -238,6 +245,16 @@ def _print_remedy(options: argparse.Namespace) -> int:
 
     step, widths = assemble_library(options.robot, load(options.robot), ())[2].find_remedy()
     print(json.dumps({"step": step, "friction_smoothing": widths}))
+    return 0
+
+
+def _wrap_sources(options: argparse.Namespace) -> int:
+    from gen.builder.wrapped_sources import compile_wrapper, wrap_sources
+
+    sources = wrap_sources(options.kind, options.build, options.folder)
+    if options.library:
+        compile_wrapper(options.build, options.folder, sources, options.library)
+    print("\n".join(sources))
     return 0
 
 

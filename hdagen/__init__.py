@@ -13,17 +13,20 @@ if sys.platform == "win32":
 
 if TYPE_CHECKING:
     from hdagen.adoption.robot_update import AdoptedRobot
+    from hdagen.api.diagnosis_pairs import compare
     from hdagen.api.log_check import LogCheck, check
     from hdagen.api.log_diagnosis import diagnose
     from hdagen.api.log_reading import read_log
     from hdagen.api.log_replay import replay
     from hdagen.api.motion_design import excite
     from hdagen.api.robot_adoption import adopt
+    from hdagen.api.robot_export import export
     from hdagen.api.robot_loading import load_robot
     from hdagen.arm.arm_parameters import Parameter
     from hdagen.arm.build_loader import PlantError
     from hdagen.arm.compiled_arm import Arm
     from hdagen.arm.compiled_model import StepJacobians
+    from hdagen.comparison.diagnosis_comparison import DiagnosisComparison
     from hdagen.control.guard_limits import Guard, Safe
     from hdagen.control.guarded_controller import Controller, Fault
     from hdagen.control.reference_motion import Reference, circle
@@ -47,6 +50,7 @@ __all__ = [
     "ColumnsError",
     "Controller",
     "Diagnosis",
+    "DiagnosisComparison",
     "Excitation",
     "Fault",
     "Guard",
@@ -68,8 +72,10 @@ __all__ = [
     "adopt",
     "check",
     "circle",
+    "compare",
     "diagnose",
     "excite",
+    "export",
     "load_robot",
     "read_diagnosis",
     "read_log",
@@ -78,17 +84,20 @@ __all__ = [
 ]
 _HOMES = {
     "adoption.robot_update": ("AdoptedRobot",),
+    "api.diagnosis_pairs": ("compare",),
     "api.log_check": ("LogCheck", "check"),
     "api.log_diagnosis": ("diagnose",),
     "api.log_reading": ("read_log",),
     "api.log_replay": ("replay",),
     "api.motion_design": ("excite",),
     "api.robot_adoption": ("adopt",),
+    "api.robot_export": ("export",),
     "api.robot_loading": ("load_robot",),
     "arm.arm_parameters": ("Parameter",),
     "arm.build_loader": ("PlantError",),
     "arm.compiled_arm": ("Arm",),
     "arm.compiled_model": ("StepJacobians",),
+    "comparison.diagnosis_comparison": ("DiagnosisComparison",),
     "control.guard_limits": ("Guard", "Safe"),
     "control.guarded_controller": ("Controller", "Fault"),
     "control.reference_motion": ("Reference", "circle"),

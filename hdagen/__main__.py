@@ -16,7 +16,8 @@ from hdagen.support.version import __version__
 
 COMMANDS = (
     *("build", "check", "list", "describe", "robot", "doctor"),
-    *("demo", "simulate", "replay", "diagnose", "adopt", "excite", "mpc", "bench", "blind", "paper"),
+    *("demo", "simulate", "replay", "diagnose", "adopt", "compare", "export", "excite"),
+    *("mpc", "bench", "blind", "paper"),
 )
 DONE, BAR_MISSED, USAGE, UNUSABLE, UNFORESEEN_ERROR, INTERRUPTED, OUTPUT_CLOSED = 0, 1, 2, 3, 4, 130, 141
 TRACEBACK_VARIABLE = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 from compiled import Compiled, load
+from cpu_times import CpuTimes
+from kept_builds import find_builds, remove_old_builds
 from replayed import FLEXIBLE, simulated
 
 from gen.builder.build import build_robot as make
@@ -23,33 +25,48 @@ DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """--campaign."""
+    """--campaign, --cpu-times."""
     parser.addoption(
         "--campaign", action="store_true", help="also run the tests marked campaign: long, many more cases"
+    )
+    parser.addoption(
+        "--cpu-times", type=Path, metavar="FILE", help="add the processor time of each test to FILE, one JSON a line"
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The marker of slow tests; Ctrl-C for the programs that tests interrupt, where a shell that runs this in the
-    background has it ignored."""
+    """The marker of slow tests; tests of a file stay with one worker; Ctrl-C for the programs that tests interrupt,
+    where a shell that runs this in the background has it ignored."""
+    find_builds()  # before a fixture moves the user's cache
+    if config.getoption("dist", "no") == "load":  # the fixtures of a module are then made once, and not by each worker
+        config.option.dist = "worksteal"
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "campaign: takes minutes; runs with --campaign only")
+    if file := config.getoption("--cpu-times"):
+        config.pluginmanager.register(CpuTimes(file.absolute()))
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Builds that many runs have left are thrown away, by the process that started the workers."""
+    if not hasattr(config, "workerinput"):
+        remove_old_builds()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Campaigns are skipped unless asked for."""
     if not config.getoption("--campaign"):
         for item in items:
-            if "campaign" in item.keywords:
+            if item.get_closest_marker("campaign") is not None:
                 item.add_marker(pytest.mark.skip(reason="a campaign; run it with --campaign"))
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A cache of the session's own for what tests build on first use; workers share it."""
+    """A cache of the session's own, which workers share; what a command or a test builds lies with all other builds."""
     out = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HDAGEN_BUILD", str(find_builds()))
         patch.setenv("XDG_CACHE_HOME", str((out.parent if "PYTEST_XDIST_WORKER" in os.environ else out) / "cache"))
         yield
 
@@ -57,9 +74,7 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="session")
 def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
     """build(robot, profile="portable", effects=()) -> Compiled; robot: a preset's name or a robot.toml's text."""
-    out = tmp_path_factory.getbasetemp()
-    out = (out.parent if "PYTEST_XDIST_WORKER" in os.environ else out) / "builds"  # workers share what is built
-    out.mkdir(exist_ok=True)
+    texts = tmp_path_factory.mktemp("robots")
     made: dict[tuple[str, str, tuple[str, ...]], Compiled] = {}
 
     def built(robot: str, profile: str = "portable", effects: tuple[str, ...] = ()) -> Compiled:
@@ -67,10 +82,10 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
         if key not in made:
             source = robot
             if "\n" in robot:
-                path = out / f"{hashlib.sha256(robot.encode()).hexdigest()[:16]}.toml"
+                path = texts / f"{hashlib.sha256(robot.encode()).hexdigest()[:16]}.toml"
                 path.write_text(robot)
                 source = str(path)
-            made[key] = load(make(source, profile, out, effects)[0])
+            made[key] = load(make(source, profile, find_builds(), effects)[0])
         return made[key]
 
     return built

@@ -105,11 +105,14 @@ FLOORS = (  # from the roof to the ground: a file imports from folders that stan
     "hdagen/blind/realities",
     "hdagen/demo",
     "hdagen/fleet",
+    "hdagen/comparison",
+    "hdagen/model_export",
     "hdagen/paper",
     "hdagen/paper/figures",
     "hdagen/paper/prototype",
     "hdagen/mpc/benchmark",
     "hdagen/mpc",
+    "hdagen/campaign",
     "hdagen/excitation",
     "hdagen/diagnosis",
     "hdagen/diagnosis/report",
@@ -271,7 +274,7 @@ def test_importing_any_module_does_nothing(tmp_path: Path) -> None:
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
 # Verbs that stand alone: the public API's, the entry points of commands, and those of the field.
 ONE_WORD = {
-    *("adopt", "check", "diagnose", "excite", "replay", "simulate", "triage"),
+    *("adopt", "check", "compare", "diagnose", "excite", "export", "replay", "simulate", "triage"),
     *("load", "read", "write", "run", "main", "step", "tick", "circle"),
 }
 MOST_ONE_WORD_SHARE = 0.15  # of all functions at the top of a file
@@ -429,7 +432,7 @@ def assigned_constants(path: Path) -> Iterator[tuple[str, ast.expr]]:
             )
 
 
-def has_number(value: ast.expr) -> bool:
+def has_number(value: ast.expr | ast.keyword) -> bool:
     """Whether an expression has a number beside 0 and 1, outside of texts and functions."""
     if isinstance(value, ast.JoinedStr | ast.Lambda):
         return False

@@ -230,8 +230,18 @@ def _converted(recording: Recording, source: Path, out: Path) -> Path:
 
 def diagnose(inputs: Inputs, out: Path) -> dict[str, Any]:
     """The content of diagnosis.json, which stands in ``out``. Raises DiagnosisFailed."""
-    held = ["--hold-out", *inputs.hold_out] if inputs.hold_out else []
-    command = [sys.executable, "-m", "hdagen", "diagnose", inputs.robot, *inputs.logs, *held, "--out", out]
+    held: list[str | Path] = ["--hold-out", *inputs.hold_out] if inputs.hold_out else []
+    command: list[str | Path] = [
+        sys.executable,
+        "-m",
+        "hdagen",
+        "diagnose",
+        inputs.robot,
+        *inputs.logs,
+        *held,
+        "--out",
+        out,
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise DiagnosisFailed(done.stderr)

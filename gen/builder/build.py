@@ -163,26 +163,28 @@ def build_robot(
     if mpc and robot.in_space:
         possible = "possible with --mpc are arms in the plane; leave it out"
         raise BuildError(f"{source}: its joints stand in space, {possible}.")
-    made, effects, examined = assemble_library(source, robot, extra)
+    library, effects, examined = assemble_library(source, robot, extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
     try:
         if mpc:
-            check_memory(mpc, made.graphs.model.n, 2 * made.graphs.model.n + 2 * len(made.graphs.model.flexible))
+            check_memory(
+                mpc, library.graphs.model.n, 2 * library.graphs.model.n + 2 * len(library.graphs.model.flexible)
+            )
     except StructureError as error:
         raise BuildError(str(error)) from None
     if locate_build(source, profile, out, extra, mpc)[2] != content:
         raise BuildError(f"{source}: the file changed while it was read; build again.")
     try:
         out.mkdir(mode=0o755, parents=True, exist_ok=True)
-        with _lock_folder(out / ".lock"):
+        with lock_folder(out / ".lock"):
             if is_intact(folder, name):  # another process made it meanwhile
                 return folder, False
-            print(f"building {made.graphs.model.robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
+            print(f"building {library.graphs.model.robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
             for stale in out.glob(f".*{PARTIAL_BUILD_PREFIX}*"):  # left by a build that was killed; the lock is ours
                 _remove_tree(stale)
             object_cache.discard_parts(out / OBJECT_FOLDER)
-            _write_build(made, effects, profile, folder, name, mpc)
+            _write_build(library, effects, profile, folder, name, mpc)
     except OSError as error:
         why = error.strerror or error
         raise BuildError(
@@ -229,11 +231,11 @@ def assemble_library(
     try:
         applies = Model(robot, NOMINAL).joints_of_effect
         effects = tuple(e for e in chosen if e in NOMINAL or applies(e))
-        made = make_library(Model(robot, effects))
-        examined = step_stability.examine_step(made.graphs)
+        library = make_library(Model(robot, effects))
+        examined = step_stability.examine_step(library.graphs)
     except ValueError as error:
         raise RobotError([f"{source}, joint: {error}."]) from None
-    return made, effects, examined
+    return library, effects, examined
 
 
 def _write_build(
@@ -366,8 +368,16 @@ def _sync_to_disk(path: Path) -> None:
 
 
 @contextmanager
-def _lock_folder(path: Path) -> Iterator[None]:
-    """One build at a time in a folder; the lock ends with the process that holds it."""
+def lock_folder(path: Path) -> Iterator[None]:
+    """Let one process at a time write in a folder of builds; the lock ends with the process that holds it.
+
+    Args:
+        path: The lock's file.
+
+    Yields:
+        Nothing, while the lock is held.
+
+    """
     handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)

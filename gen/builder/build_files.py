@@ -12,6 +12,7 @@ from gen.builder.effect_description import describe_catalogue
 from gen.c_code import headers, vectorized_closed_loop, vectorized_dynamics
 from gen.c_code.emitter import emit_preparation, scalar_function
 from gen.effects.effect import Effect
+from gen.effects.file_numbers import FILE_NUMBERS, FileNumber
 from gen.model.arm_model import Model
 from gen.model.control_loop import Law
 from gen.model.emitted_function import EmittedFunction
@@ -48,6 +49,7 @@ def make_manifest(made: Library, effects: tuple[Effect, ...], build: str, how: d
         "build": build,
         "robot": describe_robot(model.robot),
         "effects": [_describe_effect(model, effect) for effect in effects],
+        "numbers": [_describe_number(model, number) for number in FILE_NUMBERS],
         "catalogue": describe_catalogue(),
         "state": [vars(slot) for slot in model.x_slots],
         "input": [vars(slot) for slot in model.u_slots],
@@ -72,6 +74,12 @@ def _describe_effect(model: Model, effect: Effect) -> dict[str, Any]:
         "shapes": [parameter.name for parameter in effect.parameters if parameter.name not in effect.amplitudes],
         "citation": effect.citation,
     }
+
+
+def _describe_number(model: Model, number: FileNumber) -> dict[str, Any]:
+    joints = [q.joint for q in model.quantities if q.effect == number.name]
+    shape = {"states": [], "shapes": []}
+    return {"name": number.name, "place": number.place, "joints": joints, "amplitudes": [number.name], **shape}
 
 
 def _describe_function(function: EmittedFunction) -> dict[str, Any]:

@@ -41,6 +41,10 @@ class CompileError(Exception):
     """No compiler, or a compiler that failed; the sentence shows the command and its words."""
 
 
+class MissingCompilerError(CompileError):
+    """There is no C compiler that works."""
+
+
 @dataclass(frozen=True)
 class Compiler:
     """A C compiler: its command, and the version that it prints."""
@@ -57,7 +61,7 @@ def find_compiler() -> Compiler:
         The compiler.
 
     Raises:
-        CompileError: There is none that works.
+        MissingCompilerError: There is none that works.
 
     """
     named = os.environ.get("CC", "").strip()
@@ -65,10 +69,12 @@ def find_compiler() -> Compiler:
         try:
             command = tuple(shlex.split(named))
         except ValueError as error:
-            raise CompileError(f"$CC: found {named}, which is no command ({error}); correct or unset it.") from None
+            said = f"$CC: found {named}, which is no command ({error}); correct or unset it."
+            raise MissingCompilerError(said) from None
         version, why = _ask_version(command)
         if not version:
-            raise CompileError(f"$CC: found {named}, which is no C compiler that works ({why}); correct or unset it.")
+            said = f"$CC: found {named}, which is no C compiler that works ({why}); correct or unset it."
+            raise MissingCompilerError(said)
         if os.sep in command[0]:  # it is called from other folders
             command = (os.path.abspath(command[0]), *command[1:])
         return Compiler(command, version)
@@ -78,7 +84,7 @@ def find_compiler() -> Compiler:
         if version:
             return Compiler(command, version)
     tried = ", ".join(shlex.join(command) for command in candidates)
-    raise CompileError(
+    raise MissingCompilerError(
         f"no C compiler: tried {tried}. Install gcc or clang (Debian, Ubuntu: apt install gcc; Fedora: dnf install "
         "gcc; macOS: xcode-select --install), or the wheel with `pip install 'hdagen[cc]'`, or name one in $CC."
     )
@@ -138,7 +144,7 @@ def compiler_flags(profile: str) -> tuple[str, ...]:
 
 
 def compile_library(folder: Path, sources: list[str], profile: str, name: str, kept: Path | None) -> None:
-    """Compile sources, two at a time, and link them into a library; the objects are removed.
+    """Compile sources, two at a time, the longest first, and link them into a library; the objects are removed.
 
     Args:
         folder: Where the sources lie, and where the library goes.
@@ -152,14 +158,17 @@ def compile_library(folder: Path, sources: list[str], profile: str, name: str, k
 
     """
     made = [source.replace(".c", ".o") for source in sources]
-    shared: tuple[str, ...] = ("-shared",)
+    shared: tuple[str, ...] = ("-shared", "-Wl,-Bsymbolic")  # another library's functions never take its own's place
     if sys.platform == "darwin":
         shared = ("-dynamiclib", "-undefined", "dynamic_lookup")
     link = (*find_compiler().command, *shared, "-o", name, *made, "-lm")
+    longest_first = sorted(sources, key=lambda source: -(folder / source).stat().st_size)
     pool, over = ThreadPoolExecutor(max_workers=2), Event()
     with _set_on_interrupt(over), _process_group() as group:
         try:
-            work = [pool.submit(_compile_object, folder, source, profile, kept, over, group) for source in sources]
+            work = [
+                pool.submit(_compile_object, folder, source, profile, kept, over, group) for source in longest_first
+            ]
             for done in work:
                 while not wait([done], timeout=0.1).done:  # an interrupt just before a wait is heard only after it
                     continue

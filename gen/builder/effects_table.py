@@ -9,6 +9,7 @@ from pathlib import Path
 from gen.builder.effect_figures import draw_effect
 from gen.effects import ALL, NOMINAL
 from gen.effects.effect import Effect, Parameter
+from gen.effects.file_numbers import FILE_NUMBERS, FileNumber
 
 EFFECTS_INTRODUCTION = """# Effects
 
@@ -26,6 +27,10 @@ STATED = "These effects are in every model. The robot file states their amplitud
 ADDED = """These effects are in a model if its robot file states them (`[[effect]]`), or if a build asks for them
 (`--effects`). The diagnosis tries all of them.
 """
+NUMBERS = """The diagnosis also tries whether one of these numbers is wrong by a factor. They have no term, as the
+equations of motion hold them.
+"""
+NUMBERS_TABLE_HEAD = "| number | place | meaning | experiment |\n|---|---|---|---|\n"
 EFFECTS_TABLE_HEAD = "| effect | acts at | meaning |\n|---|---|---|\n"
 JOINT_PHRASES = {"each": "", "first": "; first joint", "last": "; last joint", "arm": "; whole arm"}
 
@@ -55,7 +60,13 @@ def make_effects_page() -> str:
     parts = [EFFECTS_INTRODUCTION, EFFECTS_TABLE_HEAD, *map(_effect_row, ALL)]
     for title, text, effects in (("In every model", STATED, NOMINAL), ("Added", ADDED, added)):
         parts += [f"\n## {title}\n\n{text}", *map(_effect_section, effects)]
+    parts += [f"\n## Numbers of the robot file\n\n{NUMBERS}\n", NUMBERS_TABLE_HEAD, *map(_number_row, FILE_NUMBERS)]
     return "".join(parts)
+
+
+def _number_row(number: FileNumber) -> str:
+    shown = number.experiment
+    return f"| `{number.name}` | {number.place} | {number.meaning} | {shown.action}: it {shown.observation} |\n"
 
 
 def _effect_row(effect: Effect) -> str:

@@ -299,11 +299,11 @@ def open_rig(graphs: Mapping[str, ca.Function], builds: Mapping[str, Path]) -> I
 
     """
     with tempfile.TemporaryDirectory() as folder:
-        made = TimingRig(graphs, Path(folder), builds)
+        rig = TimingRig(graphs, Path(folder), builds)
         try:
-            yield made
+            yield rig
         finally:
-            made.close()
+            rig.close()
 
 
 # -- the run ----------------------------------------------------------------------------------------------------------
@@ -322,12 +322,12 @@ def measure_times(robot: str, out: Path, rounds: int) -> dict[str, dict[str, dic
         p99.9 and largest of single calls, ns.
 
     """
-    made, _, _ = assemble_library(robot, load(robot), ())
+    library, _, _ = assemble_library(robot, load(robot), ())
     builds = {profile: build_robot(robot, profile, out)[0] for profile in ("native", "portable")}
-    graphs = {f.name: f.graph for f in made.functions}
-    model = made.graphs.model
+    graphs = {f.name: f.graph for f in library.functions}
+    model = library.graphs.model
     if not model.needs_stiff_step:
-        graphs["step"] = make_step_graph(made)
+        graphs["step"] = make_step_graph(library)
     p = np.array([[q.nominal for q in model.quantities]])
     c, h = np.array(graphs["prepare"](p.ravel())).T, np.array([[model.robot.step]])
     known = {**sample_states(model, CALLS_PER_ROW), "p": p, "c": c, "h": h}
@@ -335,7 +335,7 @@ def measure_times(robot: str, out: Path, rounds: int) -> dict[str, dict[str, dic
         clock = float(np.median(contest.clock_sampler()(1, 1000)))
         result = {}
         for name, graph in graphs.items():
-            inputs = sample_inputs(name, graph, made, known)
+            inputs = sample_inputs(name, graph, library, known)
             outputs = [np.zeros((CALLS_PER_ROW, graph.numel_out(k))) for k in range(graph.n_out())]
             if name == "step":  # each from where the last one ended: a rollout
                 path = np.tile(known["x"][:1], (CALLS_PER_ROW + 1, 1))

@@ -21,15 +21,15 @@ def make_gains_table() -> str:
 
     """
     model = Model(load("paper"), NOMINAL)
-    made = make_laws(model, assemble_graphs(model).c)
+    laws = make_laws(model, assemble_graphs(model).c)
     rows: dict[tuple[str, Parameter], list[str]] = {}
-    for law in made:
+    for law in laws:
         for gain in law.gains:
             values = Parameter("", gain.unit, gain.nominal, gain.low, gain.high, gain.meaning)
             users = rows.setdefault((_name_axes(gain), values), [])
             if law.name not in users:
                 users.append(law.name)
-    return GAINS_TABLE_HEAD + "".join(_gain_row(name, gain, users, len(made)) for (name, gain), users in rows.items())
+    return GAINS_TABLE_HEAD + "".join(_gain_row(name, gain, users, len(laws)) for (name, gain), users in rows.items())
 
 
 def _name_axes(gain: Parameter) -> str:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import secrets
+from contextlib import suppress
 from pathlib import Path
 
 from gen.builder.ownership import find_other_writer
 
-MOST_OBJECTS = 512  # objects that are kept, the newest
+MOST_OBJECTS = 512  # objects that are kept, those used last
 PARTIAL_OBJECT_PREFIX = ".part-"  # begins the name of one that is being written
 
 
@@ -55,13 +56,15 @@ def fetch_object(kept: Path, name: str) -> bytes | None:
         except OSError:
             continue
         if path.stem == f"{name}-{_hash_content(content)}":
+            with suppress(OSError):  # another process has just thrown it away
+                path.touch(exist_ok=True)
             return content
         path.unlink(missing_ok=True)
     return None
 
 
 def store_object(kept: Path, name: str, content: bytes) -> None:
-    """Put an object away, whole or not at all, and throw away the oldest beyond MOST.
+    """Put an object away, whole or not at all, and throw away those beyond MOST_OBJECTS that were not used for longest.
 
     Args:
         kept: The folder of kept objects.
@@ -93,7 +96,7 @@ def discard_parts(kept: Path) -> None:
 
 
 def _modified_at(path: Path) -> float:
-    """When the file was made; one that another thread has just thrown away counts as new."""
+    """When the object was made or used; one that another thread has just thrown away counts as new."""
     try:
         return path.stat().st_mtime
     except FileNotFoundError:

@@ -33,10 +33,10 @@ def report_robot(
 
     """
     robot = load(source)
-    made, effects, examined = build.assemble_library(source, robot, tuple(sorted(set(extra))))
-    model = made.graphs.model
+    library, effects, examined = build.assemble_library(source, robot, tuple(sorted(set(extra))))
+    model = library.graphs.model
     sizes = f"{len(model.x_slots)} states, {len(model.u_slots)} inputs, {len(model.quantities)} parameters"
-    all_sizes = f"{sizes}, {made.graphs.c.numel()} constants, {len(made.functions)} functions"
+    all_sizes = f"{sizes}, {library.graphs.c.numel()} constants, {len(library.functions)} functions"
     lines = [f"{robot.name}: {model.n} joint{'s' * (model.n > 1)}, {all_sizes}"]
     lines += [f"  joint {number}  {_describe_joint(joint)}" for number, joint in enumerate(robot.joints, 1)]
     lines += [f"  effect   {_describe_effect(model, effect)}" for effect in effects]

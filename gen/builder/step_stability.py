@@ -22,6 +22,7 @@ import numpy as np
 from gen.c_code.headers import MOST_STEP_PARTS, slide_velocities
 from gen.model.arm_model import Model
 from gen.model.right_hand_side import Graphs
+from gen.robot.schema import keys_of
 
 LARGEST_STABLE_MODE = 2.78  # h |λ| of modes
 LARGEST_SMOOTH_FRICTION = 1.0  # h |λ| of smooth friction
@@ -86,6 +87,8 @@ class StepExamination:
     def find_remedy(self) -> tuple[float, tuple[float, ...]]:
         """Find a step and widths of smooth friction that carry the model.
 
+        Where friction asks for a wider smoothing than a robot file may state, the step becomes smaller, too.
+
         Returns:
             The step, s, and the widths, rad/s; unchanged where they carry the model already.
 
@@ -97,8 +100,13 @@ class StepExamination:
         if smallest * self.friction_rate <= LARGEST_SMOOTH_FRICTION:
             return step, self.width
         shares = [max(smallest * rate / LARGEST_SMOOTH_FRICTION, 1.0) for rate in self.friction]
+        widest = keys_of("joint.drive")["friction_smoothing"].range.high
+        lack = max(width * share / widest for width, share in zip(self.width, shares, strict=True))
+        if lack > 1:
+            step = float(_round_to_three_digits(step / lack, math.floor))
+            shares = [max(share / lack, 1.0) for share in shares]
         widths = zip(self.width, shares, strict=True)
-        return step, tuple(self._widen_smoothing(width, share) for width, share in widths)
+        return step, tuple(min(self._widen_smoothing(width, share), widest) for width, share in widths)
 
     @staticmethod
     def _widen_smoothing(width: float, share: float) -> float:
@@ -114,13 +122,13 @@ class StepExamination:
             The lines.
 
         """
-        said = []
+        lines = []
         for j, (width, rate) in enumerate(zip(self.width, self.friction, strict=True), 1):
             carried = (
                 f"{self.smallest_step * rate:.3g} of a step of {self.smallest_step:.3g} s, possible is"
                 f" {LARGEST_SMOOTH_FRICTION:g}"
             )
-            said.append(
+            lines.append(
                 f"friction at joint {j} smoothed over {width:.4g} rad/s: {carried} (RK4 is stable to"
                 f" {LARGEST_STABLE_MODE})"
             )
@@ -131,13 +139,13 @@ class StepExamination:
             remark = ""
             if LARGEST_ACCURATE_MODE < size <= LARGEST_STABLE_MODE:
                 remark = f"; beyond {LARGEST_ACCURATE_MODE} RK4's error shows: mind the accuracy"
-            said.append(
+            lines.append(
                 f"fastest mode {when}: {known}, {size:.3g} rad a step, possible is {LARGEST_STABLE_MODE}{remark}"
             )
         if self.unstable_from and self.step * self.loaded.rate <= LARGEST_STABLE_MODE:
             where = ", ".join(f"{torque:.3g} at joint {j}" for j, torque in self.unstable_from)
-            said.append(f"unstable from joint torques of {where} on, where the springs are too stiff for the step")
-        return said
+            lines.append(f"unstable from joint torques of {where} on, where the springs are too stiff for the step")
+        return lines
 
     @property
     def _load_phrase(self) -> str:

@@ -61,6 +61,10 @@ class ConfusionGroup(Enum):
         "command a multisine up to 25 Hz and log the measured current: a delay turns the phase alone, a lag the "
         "magnitude as well, a limit only large commands, and a soft joint leaves the current untouched."
     )
+    INERTIA_OR_WEIGHT = (
+        "hold still at five or more poses, then accelerate hard with the arm folded and stretched: weight shows mass "
+        "times its lever, a pose that changes the inertia shows the links, what stays alike in all is the rotor."
+    )
     GAIN_OR_MASS = (
         "swap a known payload, and let the joint coast down without current, cold and warm: the mass shows in the "
         "first, friction alone in the second, and the torque constant only while current flows."

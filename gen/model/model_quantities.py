@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gen.effects.effect import Effect, Parameter, State
+from gen.effects.file_numbers import FILE_NUMBERS, USUAL_ERROR
 from gen.model.harmonic_drive import SPRING_SPREAD
 from gen.robot import typical_loads
 from gen.robot.description import Robot, Value
@@ -13,6 +14,7 @@ from gen.robot.gear_catalogue import SPRING_KEYS
 from gen.robot.model_parameters import AXES, ParameterValue, list_parameters
 from gen.robot.schema import keys_of
 
+FILE_NUMBER_NAMES = frozenset(number.name for number in FILE_NUMBERS)
 TIP_FORCE = 100.0  # N, along each axis, up to which the model is meant to be used
 TIP_MOMENT = 20.0  # N m, the same
 
@@ -40,6 +42,7 @@ class Quantity:
     is_reading_delay: bool = False
     encoder_term: str | None = None
     equivalent: str | None = None
+    offset: float = 0.0  # with it, the number that the robot file states: of a lumped inertia mass·center_of_mass²
 
 
 @dataclass(frozen=True)
@@ -158,8 +161,10 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
     if key in SPRING_KEYS:  # where the springs' inverse keeps its error, and a robot file may state them
         low = max(min(low, value.nominal), value.nominal / SPRING_SPREAD)
         high = min(max(high, value.nominal), value.nominal * SPRING_SPREAD)
-    name, typical, is_guess = None, None, False
-    if key in amplitude_of:
+    name, typical, everywhere, is_guess = None, None, None, False
+    if key in FILE_NUMBER_NAMES and (stated := value.nominal + value.offset):  # wrong by a factor, which 0 has not
+        name, typical, everywhere, is_guess = key, USUAL_ERROR * abs(stated), 0.0, True
+    elif key in amplitude_of:
         effect = amplitude_of[key]
         is_guess = key in effect.guessed_keys
         name, typical = effect.name, effect.usual_shares[key] * typical_loads.usual_size(robot, value.joint, key)
@@ -175,7 +180,9 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
         name,
         "base",
         typical,
+        everywhere,
         is_guess=is_guess,
+        offset=value.offset,
     )
 
 

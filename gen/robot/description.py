@@ -76,12 +76,14 @@ class PlanarLink:
         length: To the next joint or the tip, m.
         center_of_mass: From the joint's axis, m.
         inertia: About the centre of mass, kg m² (negative possible only where the file lumps).
+        is_lumped: Whether the file states it about the joint: a way to write it, and no part of the robot's meaning.
 
     """
 
     length: Value
     center_of_mass: Value
     inertia: Value
+    is_lumped: bool = False
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,7 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
         del description["tip"]
     for joint in description["joints"]:
         joint |= joint.pop("link")  # noqa: PLW2901 - a joint's keys stand side by side, as in the file
+        joint.pop("is_lumped", None)
         if not joint["name"]:
             del joint["name"]
     description["effects"] = [effect for effect in description["effects"] if not effect.pop("assumed")]

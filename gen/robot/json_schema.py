@@ -15,6 +15,7 @@ from gen.effects import ALL
 from gen.effects.effect import Effect
 from gen.robot.gear_catalogue import DATA_SHEET_KEYS
 from gen.robot.schema import MAX_JOINTS, Key, KeyNeed, Range, ValueKind, describe_range, keys_of
+from gen.robot.trust import TOLERANCES
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 LONGEST_NAME = 80  # characters of a robot's name
@@ -141,15 +142,22 @@ def _build_value(key: Key) -> JsonSchema:
 
 
 def _build_parameter(key: Key) -> JsonSchema:
-    """A number, or a table of value and tolerance."""
+    """A number, or a table of value and tolerance or source."""
     number = _build_number(key.range)
-    both = {
-        "type": "object",
-        "properties": {"value": number, "tolerance": _build_number(keys_of("")["tolerance"].range)},
-        "required": ["value", "tolerance"],
-        "additionalProperties": False,
+    trust: dict[str, JsonSchema] = {
+        "tolerance": _build_number(keys_of("")["tolerance"].range),
+        "source": {"type": "string", "enum": list(TOLERANCES)},
     }
-    return {"anyOf": [number, both]}
+    tables = [
+        {
+            "type": "object",
+            "properties": {"value": number, name: stated},
+            "required": ["value", name],
+            "additionalProperties": False,
+        }
+        for name, stated in trust.items()
+    ]
+    return {"anyOf": [number, *tables]}
 
 
 def _build_list(entry: JsonSchema, lengths: tuple[int, ...]) -> JsonSchema:

@@ -157,9 +157,10 @@ def _make_link(own: dict[str, Any]) -> PlanarLink | SpatialLink:
     if "origin" in own:
         return SpatialLink(**{name: own[name] for name in SpatialLink.__dataclass_fields__})
     inertia = own.get("inertia")
-    if inertia is None:
+    is_lumped = inertia is None
+    if is_lumped:
         inertia = _inertia_about_center(own)
-    return PlanarLink(own["length"], own["center_of_mass"], inertia)
+    return PlanarLink(own["length"], own["center_of_mass"], inertia, is_lumped)
 
 
 def _inertia_about_center(own: dict[str, Any]) -> Value:

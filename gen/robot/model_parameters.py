@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from gen.robot.description import Joint, Robot, SpatialLink, Value
+from gen.robot.description import Joint, PlanarLink, Robot, SpatialLink, Value
 from gen.robot.schema import Key, keys_of, unit_at
 
 LINK_KEYS = ("length", "mass", "center_of_mass", "inertia")
@@ -26,12 +26,16 @@ DRIVE_KEYS = (
     "law_torque",
 )
 DISSIPATION_KEYS = ("viscous_friction", "coulomb_friction", "torsional_damping")
+INERTIAL_KEYS = ("mass", "inertia", "motor_inertia")
+LARGEST_FACTOR = 3.0  # times the nominal that a parameter may be, and its inverse
+LARGEST_INERTIAL_FACTOR = 10.0  # the same of masses and inertias: an armature is often a guess
 LARGEST_DAMPING_FACTOR = 20.0  # times the nominal damping that a spring may have when it is cold or worn
 
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A parameter of the model; ``joint`` 0 is the whole arm. low ≤ nominal ≤ high."""
+    """A parameter of the model; ``joint`` 0 is the whole arm. low ≤ nominal ≤ high. With ``offset`` it is the number
+    that the file states: of a lumped inertia mass·center_of_mass²."""
 
     name: str
     unit: str
@@ -41,6 +45,7 @@ class ParameterValue:
     tolerance: float
     meaning: str
     joint: int
+    offset: float = 0.0
 
 
 def list_parameters(robot: Robot) -> tuple[ParameterValue, ...]:
@@ -48,7 +53,8 @@ def list_parameters(robot: Robot) -> tuple[ParameterValue, ...]:
 
     A drive without springs, or without a torque constant, has no such parameters. Bounds lie within the physical range:
 
-    - from a third of the nominal to three times it, or as far from 0 as the key's ``zero_width`` where it is 0;
+    - from a third of the nominal to three times it, of a mass or an inertia from a tenth to ten times;
+    - as far from 0 as the key's ``zero_width`` where it is 0;
     - a motor's friction from nothing up, as a file may state a guess, or a gear's friction for a whole joint's;
     - damping of a spring from nothing to LOSSES times the nominal, or up to its physical range where that is 0;
     - a lumped inertia may be negative, and a prismatic joint's length is 0.
@@ -71,9 +77,20 @@ def list_parameters(robot: Robot) -> tuple[ParameterValue, ...]:
             values += _space_parameters(joint, joint.link, number)
         else:
             known = {**vars(joint.link), "mass": joint.mass}
-            values += _stated_parameters("joint", LINK_KEYS, known, joint.kind, number)
+            stated = _stated_parameters("joint", LINK_KEYS, known, joint.kind, number)
+            values += [_lump_inertia(joint.link, joint.mass, one) for one in stated]
         values += _stated_parameters("joint.drive", DRIVE_KEYS, vars(joint.drive), joint.kind, number)
     return tuple(values)
+
+
+def _lump_inertia(link: PlanarLink, mass: Value, stated: ParameterValue) -> ParameterValue:
+    """A parameter of a link; of its inertia, where the file lumps it, with the bounds of the one about the joint."""
+    if not link.is_lumped or stated.name != f"inertia_{stated.joint}":
+        return stated
+    offset = mass.nominal * link.center_of_mass.nominal**2
+    lumped = stated.nominal + offset
+    low, high = lumped / LARGEST_INERTIAL_FACTOR - offset, lumped * LARGEST_INERTIAL_FACTOR - offset
+    return replace(stated, low=low, high=high, offset=offset)
 
 
 def _stated_parameters(
@@ -118,6 +135,9 @@ def _parameter_bounds(key: Key, kind: str, nominal: float) -> tuple[float, float
     if key.name == "inertia" and nominal < 0:
         least = -key.range.high
     low, high = -key.zero_width, key.zero_width
+    factor = LARGEST_FACTOR
+    if key.name in INERTIAL_KEYS:
+        factor = LARGEST_INERTIAL_FACTOR
     if nominal:
-        low, high = sorted((nominal / 3, nominal * 3))
+        low, high = sorted((nominal / factor, nominal * factor))
     return max(low, least), min(high, key.range.high)

@@ -34,8 +34,8 @@ TITLES = {
 class ValueKind(Enum):
     """How a value is written."""
 
-    PARAMETER = "number or {value, tolerance}"
-    PARAMETERS = "list of: number or {value, tolerance}"
+    PARAMETER = "number, {value, tolerance} or {value, source}"
+    PARAMETERS = "list of: number, {value, tolerance} or {value, source}"
     VECTOR = "list of numbers"
     NUMBER = "number"
     RANGE = "[low, high]"

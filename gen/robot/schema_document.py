@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from gen.presets import find_presets
 from gen.robot.gear_catalogue import CATALOGUE
 from gen.robot.schema import ANY, MAX_JOINTS, TITLES, Key, ValueKind, describe_form, keys_of
+from gen.robot.trust import SOURCES
 
 INTRODUCTION = """# robot.toml
 
@@ -20,8 +21,10 @@ stand in parentheses.
 Each joint of the short form moves in the plane, with its link along x. In the long form joints stand in space:
 `[[joint]] in space` shows their keys, and `[tip]` the place of the tip. One file uses one form.
 
-A number marked ± may be written `{{value = 1.6, tolerance = 0.1}}`. A plain number has the tolerance of the file, or 0
-if the mark is (±).
+A number marked ± may be written `{{value = 1.6, tolerance = 0.1}}` or `{{value = 1.6, source = "CAD"}}`. A plain number
+has the tolerance of the file, or 0 if the mark is (±). A source stands for a tolerance, a relative standard deviation:
+
+{sources}
 
 All problems of a file are reported together: unknown keys, missing keys, wrong types and values out of range. A file
 that is not TOML in UTF-8, or is larger than 1 MB, is refused as a whole.
@@ -42,7 +45,12 @@ def write_document() -> str:
 
     """
     parts = [
-        INTRODUCTION.format(joints=MAX_JOINTS, presets=_quote_names(find_presets()), gears=_quote_names(CATALOGUE))
+        INTRODUCTION.format(
+            joints=MAX_JOINTS,
+            presets=_quote_names(find_presets()),
+            gears=_quote_names(CATALOGUE),
+            sources=_write_sources(),
+        )
     ]
     for table, title in TITLES.items():
         heading = f"`{title}`" if table else title
@@ -52,6 +60,12 @@ def write_document() -> str:
         )
         parts += [_document_row(key) for key in keys_of(table).values()]
     return "\n".join(parts) + "\n"
+
+
+def _write_sources() -> str:
+    """The tolerance of each source, as a table in Markdown."""
+    rows = (f"| `{one.name}` | {one.tolerance:g} | {one.reason} |" for one in SOURCES)
+    return "\n".join(("| source | tolerance | reason |", "|---|---|---|", *rows))
 
 
 def _quote_names(names: Iterable[str]) -> str:

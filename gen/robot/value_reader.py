@@ -12,6 +12,7 @@ from typing import Any
 
 from gen.robot.description import Value
 from gen.robot.schema import Key, ValueKind, describe_form, describe_range, keys_of
+from gen.robot.trust import TOLERANCES
 
 
 class InvalidValueError(ValueError):
@@ -68,11 +69,24 @@ def _read_parameter(key: Key, raw: Any, tolerance: float) -> Value:
         if key.exact:
             tolerance = 0.0
         return Value(_read_number(key, raw), tolerance)
+    if set(raw) == {"value", "source"}:
+        return Value(_read_number(key, raw["value"]), _read_source(raw["source"]))
     if set(raw) != {"value", "tolerance"}:
         raise InvalidValueError(
-            f"found {show_value(raw)}, possible is {{value, tolerance}} with both and nothing else; correct it"
+            f"found {show_value(raw)}, possible is {{value, tolerance}} or {{value, source}} with both and nothing "
+            "else; correct it"
         )
     return Value(_read_number(key, raw["value"]), _read_number(keys_of("")["tolerance"], raw["tolerance"]))
+
+
+def _read_source(raw: Any) -> float:
+    """The tolerance that a number's source stands for."""
+    if not isinstance(raw, str) or raw not in TOLERANCES:
+        near = suggest_nearest(raw, TOLERANCES) if isinstance(raw, str) else ""
+        raise InvalidValueError(
+            f"found source {show_value(raw)}, possible is {' or '.join(map(json.dumps, TOLERANCES))}; choose one{near}"
+        )
+    return TOLERANCES[raw]
 
 
 def _read_number(key: Key, raw: Any) -> float:

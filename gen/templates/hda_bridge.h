@@ -1,38 +1,18 @@
 /* What Python calls of the controller and the input stage, over plain arrays: structs are filled and read here, so that
  * no layout is known outside C. */
+#include "hda_config.h"
 #include "hda_control.h"
 #include "hda_input.h"
 #include "hda_loops.h"
 
 enum {
-    HDA_CONFIG_WHOLE = 3, /* safe, stale_stamp_ticks, stale_bits_ticks */
-    /* period, _min, _max, watchdog, force_limit; six a joint */
-    HDA_CONFIG_REAL = 5 + 6 * HDA_N,
     HDA_MEASURED = sizeof(hda_measurement) / sizeof(double),
     HDA_FAULT_REAL = 1 + 2 * HDA_N + (int)HDA_MEASURED + HDA_REFERENCE_MAX /* now, raw, sent, measurement, reference */
 };
 
-/* A guard's configuration from arrays. */
-static void bridge_config(const int *whole, const double *real, hda_guard_config *config) {
-    double *const joints[] = {config->torque_limit, config->torque_rate,  config->motor_jump,
-                              config->joint_jump,   config->safe_damping, config->safe_stiffness};
-    config->version = HDA_GUARD_VERSION;
-    config->size = sizeof *config;
-    config->joints = HDA_N;
-    config->safe = whole[0];
-    config->stale_stamp_ticks = whole[1];
-    config->stale_bits_ticks = whole[2];
-    config->period = real[0];
-    config->period_min = real[1];
-    config->period_max = real[2];
-    config->watchdog = real[3];
-    config->force_limit = real[4];
-    for (int i = 0; i < 6; i++) memcpy(joints[i], real + 5 + i * HDA_N, sizeof config->torque_limit);
-}
-
 static void bridge_configure(void *const *a) {
     hda_guard_config config = {0};
-    bridge_config(a[4], a[5], &config);
+    hda_config_from_arrays(a[4], a[5], &config);
     *(int *)a[6] = hda_controller_configure(a[0], *(int *)a[1], a[2], a[3], &config);
 }
 

@@ -43,7 +43,17 @@ def _table(name: str) -> JsonSchema:
     return {"$ref": f"#/$defs/{name}"}
 
 
-OPTIONAL = {"settings", "prior"}  # keys that a document may lack
+OPTIONAL = {  # keys that a document may lack, each with its table
+    ("diagnosis", "settings"),
+    ("diagnosis", "joints"),
+    ("diagnosis", "tried"),
+    ("estimate", "prior"),
+    ("estimate", "file"),
+    ("estimate", "conditional_std"),
+    ("channel_gap", "unit"),
+    ("cause", "combination"),
+    ("method", "strained"),
+}
 
 # The keys of each table. Gaps and errors are in multiples of the sensor noise; an effect is name@joint.
 # fmt: off
@@ -57,6 +67,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("hypotheses", _list(_table("hypothesis")), "sets of effects with their probabilities"),
         ("parameters", _named(_table("estimate")), "refitted base parameters, by the model's names"),
         ("undetectable", _list(EFFECT), "effects that this motion would not show in their usual size"),
+        ("tried", _list(EFFECT), "every candidate that the search had"),
         ("gap", _table("gap"), "gap on held-out motion"),
         ("doubts", _or_null(_table("doubts")), "a verdict that was withdrawn"),
         ("direct_evidence", _list(_table("direct_evidence")), "effects that show without any fit"),
@@ -72,6 +83,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("robot", _table("robot"), "the robot that was diagnosed"),
         ("data", _table("data"), "logs, repairs and channels"),
         ("settings", {"type": "object"}, "the tuned numbers that the diagnosis used"),
+        ("joints", _list(_or_null(TEXT)), "name of each joint; null where the robot file gives none"),
     ),
     "location": (
         ("joint", COUNT, "0 for the whole arm"),
@@ -86,6 +98,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("probability", PROBABILITY, "probability that it is present, alone or with others"),
         ("parameters", _named(_table("estimate")), "estimates without the joint's suffix; empty if it was not fitted"),
         ("confounded_with", _list(EFFECT), "other effects that may explain the same"),
+        ("combination", _list(EFFECT), "numbers of the robot file that the motion cannot part, itself among them"),
         ("separate_by", TEXT, "the experiment that separates them"),
         ("gap_after", _or_null(MULTIPLE), "least gap in the ranking with this cause"),
     ),
@@ -94,7 +107,9 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("std", _or_null(MULTIPLE), "standard deviation; null for a shape and for a value without a fit"),
         ("unit", TEXT, "unit"),
         ("end", {"enum": ["low", "high", None]}, "the end of its range that the fit reached"),
+        ("conditional_std", MULTIPLE, "standard deviation while all other parameters are held, where the fit has one"),
         ("prior", MULTIPLE, "standard deviation before the log, where it is not that of the robot file"),
+        ("file", _or_null(NUMBER), "the robot file's number; null of an effect that it does not have"),
     ),
     "hypothesis": (
         ("effects", _list(EFFECT), "the set; empty for none"),
@@ -114,6 +129,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("before", MULTIPLE, "rms error of the robot file"),
         ("after", MULTIPLE, "rms error with the verdict"),
         ("noise", MULTIPLE, "standard deviation of the noise, in the channel's unit"),
+        ("unit", TEXT, "unit of the channel"),
     ),
     "doubts": (
         ("verdict", _list(EFFECT), "the verdict that was withdrawn"),
@@ -177,6 +193,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("uncalibrated_probability", PROBABILITY, "probability of the verdict before calibration"),
         ("present_size", MULTIPLE, "size from which an effect is present, in usual sizes"),
         ("most_doubt", PROBABILITY, "probability of everything else, up to which a verdict is sure"),
+        ("strained", _list(TEXT), "parameters that the log presses against three of their tolerances"),
         ("nuisance_width", MULTIPLE, "prior width of the nuisance effects, in usual sizes"),
         ("unexplained_torque", MULTIPLE, "size of the residual torque, in 2 % of the usual motor torque"),
         ("noise_scale", MULTIPLE, "geometric mean of the windows' noise scales"),
@@ -240,16 +257,16 @@ def build_json_schema() -> dict[str, Any]:
         The schema, as JSON takes it.
 
     """
-    tables = {name: _build_object(fields) for name, fields in TABLES.items()}
+    tables = {name: _build_object(name, fields) for name, fields in TABLES.items()}
     return {"$schema": DIALECT, "title": "diagnosis.json", **tables.pop("diagnosis"), "$defs": tables}
 
 
-def _build_object(fields: tuple[Field, ...]) -> dict[str, Any]:
+def _build_object(name: str, fields: tuple[Field, ...]) -> dict[str, Any]:
     """The schema of one table."""
     return {
         "type": "object",
         "properties": {key: {**kind, "description": meaning} for key, kind, meaning in fields},
-        "required": [key for key, _, _ in fields if key not in OPTIONAL],
+        "required": [key for key, _, _ in fields if (name, key) not in OPTIONAL],
         "additionalProperties": False,
     }
 

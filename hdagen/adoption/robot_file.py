@@ -30,7 +30,7 @@ _GEAR_KEYS = (  # what either stands for
 )
 SPRING_KEYS = (*_GEAR_KEYS[1:6], "torsional_damping")  # what a drive with springs has and a rigid one has not
 _LEADING_KEYS = {"law_torque": "flexspline_stiffening", "friction_smoothing": "ratio"}  # defaults made from another key
-_LUMPED_KEYS = ("mass", "center_of_mass", "inertia")
+LUMPED_KEYS = ("mass", "center_of_mass", "inertia")  # of a link; a lumped inertia is made of all three
 
 
 @dataclass(frozen=True)
@@ -176,8 +176,8 @@ class RobotFile:
                 for name, q in self._quantities.items()
                 if q["joint"] == joint and wanted.parameters[name] != q["nominal"]
             }
-            if "inertia_about_joint" in table and changed & {f"{key}_{joint}" for key in _LUMPED_KEYS}:
-                mass, center, inertia = (wanted.parameters[f"{key}_{joint}"] for key in _LUMPED_KEYS)
+            if "inertia_about_joint" in table and changed & {f"{key}_{joint}" for key in LUMPED_KEYS}:
+                mass, center, inertia = (wanted.parameters[f"{key}_{joint}"] for key in LUMPED_KEYS)
                 _set_in_table(table, "inertia_about_joint", inertia + mass * center**2)
             if f"coulomb_friction_{joint}" in changed and "K1" in drive and "starting_torque" not in drive:
                 _set_in_table(drive, "starting_torque", self._quantities[f"coulomb_friction_{joint}"]["nominal"], "N m")

@@ -2,9 +2,10 @@
 
 The file gets the parameters that `replay --with` uses, by the same rule (`hdagen.adoption.verdict`): base parameters
 move by at most three tolerances, and not where the log said nothing of them; the effects of the verdict become
-[[effect]] tables. Where the corrected model asks for a smaller step or a wider smoothing of friction, these are
-written, too. The new file is built before it is put in its place, and a model with other parameters than those is
-refused.
+[[effect]] tables. Digits that the log does not determine are dropped (`hdagen.adoption.rounding`). Where the corrected
+model asks for a smaller step or a wider smoothing of friction, these are written, too. Links whose corrected masses and
+inertias no mass matrix can have keep the numbers of the file. The new file is built before it is put in its place, and
+a model with other parameters than those is refused.
 """
 
 from __future__ import annotations
@@ -18,26 +19,34 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.adoption import verdict
-from hdagen.adoption.diagnosis_file import read_content
-from hdagen.adoption.robot_file import SPRING_KEYS, NumberPlace, RobotFile
+from hdagen.adoption.diagnosis_file import is_finite, read_content
+from hdagen.adoption.robot_file import LUMPED_KEYS, SPRING_KEYS, NumberPlace, RobotFile
+from hdagen.adoption.rounding import read_conditional_deviations, round_parameters
+from hdagen.adoption.series_springs import fold_series_springs
 from hdagen.arm.build_loader import PlantError, find_stable_settings
 from hdagen.arm.compiled_arm import Arm, load
+from hdagen.arm.preset_files import find_preset_files
 from hdagen.support.atomic_write import write_atomically
 from hdagen.support.input_file import InputFileError, read_bytes
 
 _MOST_ROBOT_BYTES = 1_000_000  # bytes of a robot file
+_KEPT_LINKS = (
+    "With the corrected masses, centres of mass and inertias no model can be built, so the links keep the numbers of "
+    "the file; the gap is then larger than the diagnosis says."
+)
 _INERTIA_ROUNDING = 1e-9  # a lumped inertia goes through a sum and a difference
 
 
 @dataclass(frozen=True)
 class Change:
     """A number of the robot file: ``where`` it stands (``joint[2].drive.coulomb_friction``), in ``unit``; ``before`` is
-    None where the file did not hold it."""
+    None where the file did not hold it, ``std`` where the diagnosis states no standard deviation."""
 
     where: str
     before: float | None
     after: float
     unit: str
+    std: float | None = None
 
 
 @dataclass(frozen=True)
@@ -62,7 +71,7 @@ def adopt(
 
     Args:
         diagnosis: A diagnosis.json, or its content.
-        robot: The robot.toml that was diagnosed.
+        robot: The robot.toml or the preset that was diagnosed.
         out: Where the new file goes; None: nothing is written.
         force: Whether a file that is there may be replaced.
         profile: Profile of the builds that are made, "portable" or "native".
@@ -75,8 +84,9 @@ def adopt(
             number that is not finite; no model can be built from the corrected file; or ``out`` cannot be written.
 
     """
-    robot = label = Path(robot)
-    raw = _read_robot_file(robot)
+    label = Path(robot)
+    path = find_preset_files().get(str(robot), label)
+    raw = _read_robot_file(path)
     if out is not None:
         label = Path(out)
         _check_destination(label, force)
@@ -85,38 +95,85 @@ def adopt(
     if not isinstance(content, Mapping):
         content = read_content(Path(content))
     arm = verdict.load_with_effects(robot, profile, stated)
-    wanted, notes = verdict.apply_verdict(arm, stated)
+    fitted, notes = verdict.apply_verdict(arm, stated)
+    wanted = round_parameters(fitted, read_conditional_deviations(content, stated))
+    causes = _collect_cause_parameters(content)
+    try:
+        made = _make_candidate(raw, arm, wanted, stated, causes, label, profile)
+    except PlantError:
+        kept = _restore_links(arm, wanted)
+        if kept is None:
+            raise
+        made = _make_candidate(raw, arm, kept, stated, causes, label, profile)
+        notes = [*notes, _KEPT_LINKS]
+    _check_parameters(made.found, label, made.wanted)
+    text = made.file.to_bytes()
+    if out is not None:
+        _write_robot_file(label, text)
+    notes = _write_notes(notes, made)
+    lines = raw.decode("utf-8-sig").splitlines(), text.decode("utf-8-sig").splitlines()
+    difference = difflib.unified_diff(*lines, str(path), str(out or "corrected"), lineterm="")
+    return AdoptedRobot(text.decode("utf-8-sig"), (*made.changes, *made.settings), tuple(notes), tuple(difference))
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A corrected ``file`` that a model can be built from: the model, the one that was ``wanted``, the changed numbers,
+    and those of the integration that the model needed."""
+
+    file: RobotFile
+    found: Arm
+    wanted: Arm
+    changes: Sequence[Change]
+    settings: Sequence[Change]
+
+
+def _make_candidate(
+    raw: bytes,
+    arm: Arm,
+    wanted: Arm,
+    stated: verdict.Verdict,
+    causes: Mapping[tuple[str, int], Mapping[str, Any]],
+    label: Path,
+    profile: str,
+) -> _Candidate:
+    """The file ``raw`` with the parameters of ``wanted``, after its model was built. Raises PlantError."""
     file = RobotFile(raw, arm)
-    changes = _apply_changes(file, arm, wanted, stated, _collect_cause_parameters(content))
+    wanted, folded = fold_series_springs(wanted)
+    changes = _apply_changes(file, arm, wanted, stated, causes, folded)
     with tempfile.TemporaryDirectory() as folder:
-        candidate = Path(folder) / "robot.toml"
-        candidate.write_bytes(file.to_bytes())
+        path = Path(folder) / "robot.toml"
+        path.write_bytes(file.to_bytes())
         try:
-            found, further = _build_candidate(candidate, file, arm, profile)
+            found, settings = _build_candidate(path, file, arm, profile)
         except PlantError as error:
-            why = str(error).replace(str(candidate), str(label))
+            why = str(error).replace(str(path), str(label))
             raise PlantError(
                 f"{label}: no model can be built from the corrected file, and nothing was written: {why}"
             ) from None
-    _check_parameters(found, label, wanted)
-    if out is not None:
-        _write_robot_file(label, file.to_bytes())
-    notes = _write_notes(notes, changes, further)
-    text = file.to_bytes().decode("utf-8-sig")
-    before = raw.decode("utf-8-sig").splitlines()
-    difference = difflib.unified_diff(before, text.splitlines(), str(robot), str(out or "corrected"), lineterm="")
-    return AdoptedRobot(text, (*changes, *further), tuple(notes), tuple(difference))
+    return _Candidate(file, found, wanted, changes, settings)
 
 
-def _write_notes(notes: Sequence[str], changes: Sequence[Change], further: Sequence[Change]) -> list[str]:
+def _restore_links(arm: Arm, wanted: Arm) -> Arm | None:
+    """``wanted`` with masses, centres of mass and inertias of the robot file; None where it has them already."""
+    names = [f"{key}_{joint}" for joint in range(1, arm.n + 1) for key in LUMPED_KEYS]
+    stated = {name: arm.parameters[name] for name in names if name in arm.parameters}
+    if all(wanted.parameters[name] == value for name, value in stated.items()):
+        return None
+    kept = wanted.with_parameters(wanted.p)
+    kept.parameters.update(stated)
+    return kept
+
+
+def _write_notes(notes: Sequence[str], made: _Candidate) -> list[str]:
     """Sentences on what was adopted, and on the steps that the corrected model needs."""
     said = [note.replace("nothing is added for it", "nothing is adopted for it") for note in notes]
     said += [
         f"{change.where}: {change.before:.6g} {change.unit} does not carry the corrected model, {change.after:.6g} "
         "does; this is of the integration, and the robot is the same."
-        for change in further
+        for change in made.settings
     ]
-    if not changes:
+    if not made.changes:
         said.append("The diagnosis changes nothing: what is written is the robot file as it was.")
     return said
 
@@ -141,7 +198,13 @@ def _build_candidate(candidate: Path, file: RobotFile, arm: Arm, profile: str) -
             file.set_number(place, after, unit)
             changes.append(Change(str(place), before, after, unit))
     candidate.write_bytes(file.to_bytes())
-    return load(candidate, profile), changes
+    try:
+        return load(candidate, profile), changes
+    except PlantError as error:
+        raise PlantError(
+            f"{error} The corrected model asks for a step of {step:g} s, which no log can have shown: a number of the "
+            "diagnosis is beyond all that a machine has; diagnose again."
+        ) from None
 
 
 def _write_robot_file(out: Path, text: bytes) -> None:
@@ -158,7 +221,7 @@ def _write_robot_file(out: Path, text: bytes) -> None:
 def _read_robot_file(robot: Path) -> bytes:
     """The robot file. Raises PlantError."""
     try:
-        return read_bytes(robot, _MOST_ROBOT_BYTES, "name a robot.toml; of a preset, a copy of its file")
+        return read_bytes(robot, _MOST_ROBOT_BYTES, "name a robot.toml or a preset")
     except InputFileError as error:
         raise PlantError(error) from None
 
@@ -187,14 +250,19 @@ def _apply_changes(
     wanted: Arm,
     stated: verdict.Verdict,
     spreads: Mapping[tuple[str, int], Mapping[str, Any]],
+    folded: frozenset[str],
 ) -> list[Change]:
-    """Put every number that differs into ``file``, the base first, and say where each went."""
+    """Put every number that differs into ``file``, the base first, and say where each went; those that were ``folded``
+    into others need no place."""
     changes = []
     own = {name: effect for effect in stated.effects for name in effect.parameters}
     for name, described in arm.parameters.described.items():
-        after, owner, entry = wanted.parameters[name], None, None
+        after, owner, std = wanted.parameters[name], None, stated.standard_deviations.get(name, (None,))[0]
+        if name in folded:
+            continue
         if effect := own.get(name):
-            owner, entry = effect.name, spreads[effect.name, effect.joint].get(name.removesuffix(f"_{effect.joint}"))
+            key = name.removesuffix(f"_{effect.joint}")
+            owner, std = effect.name, _read_deviation(spreads[effect.name, effect.joint].get(key))
         elif after == described.nominal:
             continue
         place, before = file.locate_parameter(name, owner), None
@@ -202,20 +270,23 @@ def _apply_changes(
             before = described.nominal
         if after == before:
             continue
-        file.set_number(place, after, described.unit, _relative_deviation(entry, after))
-        changes.append(Change(str(place), before, after, described.unit))
+        share = 0.0
+        if owner and std and after:
+            share = std / abs(after)
+        file.set_number(place, after, described.unit, share)
+        changes.append(Change(str(place), before, after, described.unit, std))
     file.update_dependent_numbers(wanted)
     return changes
 
 
-def _relative_deviation(entry: Any, value: float) -> float:
-    """Standard deviation as a share of the value, 0 where the diagnosis gives none."""
+def _read_deviation(entry: Any) -> float | None:
+    """The standard deviation of an estimate, None where the diagnosis gives none."""
     if not isinstance(entry, Mapping):
-        return 0.0
+        return None
     std = entry.get("std")
-    if isinstance(std, bool) or not isinstance(std, int | float) or not math.isfinite(std) or std < 0 or not value:
-        return 0.0
-    return float(std / abs(value))
+    if isinstance(std, bool) or not isinstance(std, int | float) or not is_finite(std) or std < 0:
+        return None
+    return float(std)
 
 
 def _check_parameters(found: Arm, out: Path, wanted: Arm) -> None:
@@ -242,3 +313,25 @@ def _is_derived(name: str, found: Arm) -> bool:
     key, _, joint = name.rpartition("_")
     given = joint.isdigit() and found.robot["joints"][int(joint) - 1]["drive"]["compliant"]
     return name == "memory_step" or key == "friction_smoothing" or (given and key in SPRING_KEYS)
+
+
+def describe_change(before: float | None, after: float) -> str:
+    """Describe how a number changed.
+
+    Args:
+        before: The number before; None where there was none.
+        after: The number after.
+
+    Returns:
+        "new", a percentage, or from a factor of 2 on that factor; the difference where the number was 0 or changed its
+        sign.
+
+    """
+    if before is None:
+        return "new"
+    if before == 0.0 or after * before <= 0.0:
+        return f"{after - before:+.3g}"
+    ratio = after / before
+    if 0.5 < ratio < 2.0:
+        return f"{100.0 * (ratio - 1.0):+.3g} %"
+    return f"× {ratio:.3g}"

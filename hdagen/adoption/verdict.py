@@ -20,6 +20,7 @@ from hdagen.support.messages import show_path, show_value
 UNCHANGED_WIDTH_SHARE = 0.9  # posterior by prior width, from which on a log said nothing of a parameter
 LEAST_MOVE = 0.1  # of the prior width, that such a parameter has moved at most
 MOST_TOLERANCES = 3.0  # standard deviations of its tolerance that a base parameter may move
+FACTOR = "factor"  # of a wrong number, beside its parameter: truth over file
 MOST_GRAVITY_CHANGE = 0.13  # m/s² that gravity may move, three quarters of a degree: no base is quite level
 _BOUND_ROUNDING = 1e-6  # of a range, by which a number may lie beyond its ends without a word
 _MOST_READ_EFFECTS = 200  # effects of a verdict
@@ -123,13 +124,14 @@ def _read_effects(
             problems.append(f"{source}, verdict: {entry} stands there twice; diagnose again.")
         elif match[1] == "unknown":
             unknown.append(int(match[2]))
-        elif not causes.get((match[1], int(match[2]))):
+        elif causes.get((match[1], int(match[2]))) is None:
             problems.append(f"{source}, causes: {entry} is in the verdict and has no parameters here; diagnose again.")
         else:
             name, joint, suffix = match[1], int(match[2]), f"_{match[2]}"
             if joint == 0:
                 suffix = ""
             values = _read_numbers(causes[name, joint], f"{source}, causes, {entry}", suffix, problems)
+            values.pop(f"{FACTOR}{suffix}", None)
             effects.append(NamedEffect(name, joint, values))
     return effects, unknown
 
@@ -190,6 +192,11 @@ def apply_verdict(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
             "of another version."
         )
     notes = [f"unknown@{joint} has no equation: nothing is added for it." for joint in verdict.unexplained_joints]
+    notes += [
+        f"{effect.name}@{effect.joint} has no numbers in the diagnosis, as no fit has it: nothing is added for it."
+        for effect in verdict.effects
+        if not effect.parameters
+    ]
     values = find_rigid_compliances(arm, stated) | stated
     for name, value in verdict.base_parameters.items():
         q = described[name]

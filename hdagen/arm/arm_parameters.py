@@ -44,6 +44,8 @@ class Parameter:
         is_reading_delay: Whether it is the time, s, by which the joint's encoder is read late.
         encoder_term: How it shows in the difference between the encoders of its joint, if it does.
         equivalent: A key of the robot file from which a small change of this parameter cannot be told, if any.
+        offset: With it, the parameter is the number that the robot file states: of a lumped inertia
+            mass·center_of_mass².
 
     """
 
@@ -66,6 +68,24 @@ class Parameter:
     is_reading_delay: bool = False
     encoder_term: str | None = None
     equivalent: str | None = None
+    offset: float = 0.0
+
+    @property
+    def stated(self) -> float:
+        """The number that the robot file states."""
+        return self.nominal + self.offset
+
+    def compute_factor(self, value: float) -> float:
+        """Compute the factor by which the robot file's number is wrong.
+
+        Args:
+            value: The true value of the parameter.
+
+        Returns:
+            Truth over file.
+
+        """
+        return (value + self.offset) / self.stated
 
 
 class ParameterOwner(Protocol):

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from hdagen.arm.generator import run_generator
+from hdagen.arm.received_builds import BuildRequest, find_received_build
 from hdagen.model_import.model_file import ModelError, is_model_file
 from hdagen.support.atomic_write import write_atomically
 from hdagen.support.messages import make_printable, show_path
@@ -23,6 +24,7 @@ MANIFEST_SCHEMA = 1
 BUILD_PROFILES = ("portable", "native")
 MOST_PATH_BYTES = 4096  # bytes of a path
 MOST_ERROR_LINES = 200  # lines of an error
+_NO_COMPILER_CODE = 6  # exit code of gen
 
 
 class PlantError(Exception):
@@ -34,6 +36,18 @@ class PlantError(Exception):
         if len(lines) > MOST_ERROR_LINES:
             listed.append(f"{len(lines) - MOST_ERROR_LINES} more are not listed: mend these first.")
         super().__init__("\n".join(listed))
+
+
+class _NoCompilerError(PlantError):
+    """What gen says where there is no C compiler."""
+
+
+class MissingCompilerError(PlantError):
+    """A build that this machine cannot make, for it has no C compiler."""
+
+    def __init__(self, text: object, wanted: BuildRequest) -> None:
+        super().__init__(text)
+        self.wanted = wanted
 
 
 class StructuredController(Protocol):
@@ -100,7 +114,13 @@ def find_or_build(
     if mpc:
         structure = mpc.structure
     wanted = [f"--effects={','.join(effects)}", f"--mpc={structure}"]
-    return Path(_run_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
+    try:
+        return Path(_run_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
+    except _NoCompilerError as error:
+        request = BuildRequest(name, profile, effects, structure)
+        if (received := find_received_build(folder, request)) is not None:
+            return received
+        raise MissingCompilerError(error, request) from None
 
 
 def find_robot_file(robot: str, folder: Path) -> str:
@@ -215,6 +235,8 @@ def find_stable_settings(robot: Path) -> tuple[float, tuple[float, ...]]:
 def _run_gen(*arguments: str) -> tuple[str, ...]:
     """Run `python -m gen` in a child process and return the lines that it prints. Raises PlantError."""
     done = run_generator(*arguments)
+    if done.code == _NO_COMPILER_CODE:
+        raise _NoCompilerError("\n".join(done.messages))
     if done.code or not done.lines:
         raise PlantError("\n".join(done.messages) or f"the build of {arguments[-1]} failed without a word.")
     return done.lines

@@ -67,6 +67,8 @@ class EffectTraits:
         accumulating_state: Of an effect that comes over time, the state that is the share of it that is there.
         walls: Obstacles that it puts into the joint's range.
         series_spring: The spring that it gives to a drive which the robot file calls rigid.
+        alternatives: Numbers of the robot file, at any joint, and effects at the same joint from which a motion may not
+            part this number of the file.
 
     """
 
@@ -83,6 +85,7 @@ class EffectTraits:
     accumulating_state: str | None
     walls: tuple[Wall, ...]
     series_spring: SeriesSpring | None
+    alternatives: tuple[str, ...]
 
     @classmethod
     def from_manifest(cls, stated: Mapping[str, Any]) -> Self:
@@ -96,7 +99,7 @@ class EffectTraits:
 
         """
         read = dict(stated)
-        for key in ("amplitudes", "confusion_groups", "twins"):
+        for key in ("amplitudes", "confusion_groups", "twins", "alternatives"):
             read[key] = tuple(read[key])
         read["experiment"], read["plot"] = Experiment(**read["experiment"]), Plot(**read["plot"])
         read["walls"] = tuple(Wall(**wall) for wall in read["walls"])

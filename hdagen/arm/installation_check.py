@@ -15,7 +15,10 @@ from hdagen.arm.generator import run_generator
 from hdagen.arm.preset_files import find_preset_files
 
 OLDEST_PYTHON = (3, 11)
-OPTIONAL_PACKAGES = {"mujoco": ("blind", "`hdagen blind`"), "matplotlib": ("paper", "`hdagen paper`")}
+OPTIONAL_PACKAGES = {
+    "mujoco": ("mujoco", "`hdagen blind`, and `hdagen export` with --into or --prove"),
+    "matplotlib": ("paper", "`hdagen paper`"),
+}
 _REQUIREMENT_PATTERN = re.compile(r"([A-Za-z0-9._-]+)\s*\(?([^;)]*)\)?\s*(;.*)?")
 _BOUND_PATTERN = re.compile(r"(==|>=|<)\s*([0-9.]+)")
 
@@ -123,7 +126,7 @@ def _check_dependency(package: str, bounds: str) -> InstallationFinding:
 def _check_optional_package(package: str, extra: str, user: str) -> InstallationFinding:
     version = _find_version(package)
     if version is None:
-        why = f"not installed; only {user} needs it: pip install 'hdagen[{extra}]'"
+        why = f"not installed; for {user}: pip install 'hdagen[{extra}]'"
         return InstallationFinding(package, False, False, why)
     return InstallationFinding(package, True, False, version)
 

@@ -20,6 +20,7 @@ from hdagen.blind.score_summary import (
     select_single,
 )
 from hdagen.blind.scores import Row
+from hdagen.blind.sealed_check import Check
 from hdagen.pages import figure, page
 from hdagen.pages.number_table import TableCell
 from hdagen.support.version import __version__
@@ -314,6 +315,12 @@ def _describe_reproduction(report: Report) -> str:
             f"    {command}",
             f"Sealed before the first diagnosis: SHA-256 {report.seal.digest}, {report.seal.count} labels.",
             f"{where['processor']}, {where['cores']} cores, Python {where['python']}, {where['system']}; "
-            f"{asked.jobs} cases at the same time, which lengthens the time of each.",
+            f"{_say_where(asked)}, which lengthens the time of each.",
         ]
     )
+
+
+def _say_where(asked: Check) -> str:
+    if asked.cluster.is_remote:
+        return "diagnosed on a cluster"
+    return f"{asked.cluster.jobs} cases at the same time"

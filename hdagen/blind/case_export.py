@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import json
-import threading
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
+from hdagen.blind.case_tasks import write_case
 from hdagen.blind.realities.cases import Case, draw_cases
-from hdagen.blind.subprocesses import request_log
+from hdagen.blind.subprocesses import ChildError
+from hdagen.campaign.campaign_run import run_campaign
+from hdagen.campaign.cluster import open_cluster
+from hdagen.campaign.cluster_request import ClusterRequest
+from hdagen.campaign.result_store import ResultStore
+from hdagen.campaign.task import Status, Task
 from hdagen.support.atomic_write import write_atomically
 
 
 def export_cases(
-    out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float, said: Callable[[str], None]
+    out: Path,
+    kind: str,
+    count: int,
+    seed: str,
+    cluster: ClusterRequest,
+    seconds: float,
+    said: Callable[[str], None],
 ) -> Path:
     """Write cases with their logs and labels.
 
@@ -23,7 +34,7 @@ def export_cases(
         kind: one of `hdagen.blind.KINDS`.
         count: how many cases.
         seed: the seed that the cases are drawn from.
-        jobs: how many cases are made at the same time.
+        cluster: where cases are made.
         seconds: length of each log, s.
         said: called with a sentence about the progress.
 
@@ -36,37 +47,27 @@ def export_cases(
     """
     folder = out / kind
     folder.mkdir(parents=True, exist_ok=True)
-    drawn, stop = draw_cases(seed, kind, count), threading.Event()
-    labels: dict[str, dict[str, object]] = {}
-
-    def one(index: int) -> tuple[str, dict[str, object]]:
-        name = f"case-{index:03d}"
-        return name, _export_case(folder / name, seed, index, drawn[index], seconds, stop)
-
-    pool = ThreadPoolExecutor(jobs)
-    try:
-        for done, (name, label) in enumerate(pool.map(one, range(count)), 1):
-            labels[name] = label
-            said(f"{kind}: {done} of {count} cases")
-            write_atomically(folder / "labels.json", json.dumps(labels, indent=1).encode())
-    finally:
-        stop.set()
-        pool.shutdown(cancel_futures=True)
+    drawn = {f"case-{index:03d}": case for index, case in enumerate(draw_cases(seed, kind, count))}
+    tasks = [
+        Task(name, write_case, {"seed": seed, "kind": kind, "index": index, "seconds": seconds})
+        for index, name in enumerate(drawn)
+    ]
+    store = ResultStore(folder)
+    with store.hold_lock(), open_cluster(cluster, said) as runner:
+        outcomes, interrupted = run_campaign(tasks, store, runner, said)
+    labels = {name: _label_case(drawn[name], one.row) for name, one in outcomes.items() if one.status is Status.DONE}
+    for name in labels:
+        write_atomically(folder / name / "robot.toml", drawn[name].robot.toml().encode())
+    write_atomically(folder / "labels.json", json.dumps(labels, indent=1).encode())
+    if interrupted:
+        raise KeyboardInterrupt
+    for one in outcomes.values():
+        if one.status is not Status.DONE:
+            raise ChildError(one.messages[0])
     return folder
 
 
-def _export_case(
-    folder: Path, seed: str, index: int, case: Case, seconds: float, stop: threading.Event
-) -> dict[str, object]:
-    folder.mkdir(exist_ok=True)
-    write_atomically(folder / "robot.toml", case.robot.toml().encode())
-    request = {"seed": seed, "kind": case.kind, "index": index, "seconds": seconds}
-    told = request_log({**request, "motion": "log", "out": str(folder / "log.parquet")}, folder, stop)
-    request_log(
-        {**request, "motion": "hold_out", "out": str(folder / "hold_out.parquet"), "truth": told["parameters"]},
-        folder,
-        stop,
-    )
+def _label_case(case: Case, told: Mapping[str, Any]) -> dict[str, object]:
     label = case.label()
     names = (*label["verdict"], *label.get("optional", []))
     return {**label, "snr": told["snr"], "parameters": {name: told["parameters"][name] for name in names}}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hdagen.adoption.robot_update import AdoptedRobot
+    from hdagen.adoption.robot_update import AdoptedRobot, Change
 
 ADOPT_EXAMPLE = """example:
   hdagen adopt diagnosis-log/diagnosis.json robot.toml --dry-run
@@ -37,10 +37,10 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("diagnosis", type=Path, metavar="diagnosis.json", help="what hdagen diagnose wrote")
-    p.add_argument("robot", type=Path, metavar="robot.toml", help="the robot file that was diagnosed")
+    p.add_argument("robot", type=Path, help="the preset or the robot.toml that was diagnosed")
     where = p.add_mutually_exclusive_group(required=True)
     where.add_argument("--out", type=Path, metavar="robot.new.toml", help="where the new one is written")
-    where.add_argument("--dry-run", action="store_true", help="write nothing and show the lines that would differ")
+    where.add_argument("--dry-run", action="store_true", help="write nothing; show the table and the lines")
     p.add_argument("--force", action="store_true", help="write over a file that is there, be it robot.toml itself")
     p.add_argument("--profile", choices=("portable", "native"), default="portable", help="of the builds that are made")
     p.add_argument("--json", action="store_true", help="print what changed as JSON")
@@ -79,22 +79,21 @@ def _print_json(options: argparse.Namespace, adopted: AdoptedRobot) -> None:
 
 
 def _print_changes(options: argparse.Namespace, adopted: AdoptedRobot) -> None:
+    from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     console = Console(highlight=False)
     if adopted.changes:
-        table = Table(title=escape(f"{options.robot} with {options.diagnosis}"), title_justify="left")
-        table.add_column("where")
-        table.add_column("before", justify="right")
-        table.add_column("after", justify="right")
+        title = escape(f"{options.robot} with {options.diagnosis}")
+        table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        table.add_column("where", no_wrap=True)
+        for name in ("file", "adopted", "±", "change"):
+            table.add_column(name, justify="right")
         table.add_column("unit")
         for change in adopted.changes:
-            before = ""
-            if change.before is not None:
-                before = f"{change.before:.6g}"
-            table.add_row(escape(change.where), before, f"{change.after:.6g}", change.unit)
+            table.add_row(escape(change.where), *_format_change(change), change.unit)
         console.print(table)
     for note in adopted.notes:
         console.print(f"note: {note}", markup=False)
@@ -102,3 +101,15 @@ def _print_changes(options: argparse.Namespace, adopted: AdoptedRobot) -> None:
         console.print("\n".join([*adopted.difference, "nothing is written"]), markup=False, soft_wrap=True)
     else:
         console.print(f"written: {options.out}", markup=False)
+
+
+def _format_change(change: Change) -> tuple[str, str, str, str]:
+    """The cells of a number before and after, of its standard deviation, and of what changed."""
+    from hdagen.adoption.robot_update import describe_change
+
+    before, std = "", ""
+    if change.before is not None:
+        before = f"{change.before:.6g}"
+    if change.std is not None:
+        std = f"{change.std:.2g}"
+    return before, f"{change.after:.10g}", std, describe_change(change.before, change.after)

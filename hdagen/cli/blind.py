@@ -11,8 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdagen.cli.cluster_options import add_cluster_options, read_cluster_request
+
 if TYPE_CHECKING:
     from hdagen.blind.blind_report import Report
+    from hdagen.campaign.cluster_request import ClusterRequest
 
 BLIND_EXAMPLE = """example:
   hdagen blind --kind single --cases 200
@@ -21,6 +24,7 @@ BLIND_EXAMPLE = """example:
 
 exit codes: 0 done, 1 a stated bar failed, 2 usage or configuration; see docs/method/blind_check.md"""
 DONE, BAR_MISSED, USAGE = 0, 1, 2
+DEFAULT_JOBS = 2
 LEAST_SECONDS, MOST_SECONDS = 2.0, 120.0  # of a log: holds and pushes need room
 
 
@@ -49,12 +53,12 @@ def add_parser(commands: Any) -> None:
         help="any text, or - to read it from the standard input, where no other process sees it (default: drawn, and "
         "told at the end)",
     )
-    p.add_argument("--jobs", type=int, default=2, metavar="J", help="cases at the same time (default: 2)")
     p.add_argument("--seconds", type=float, metavar="T", help="length of a log, s (default: 10; joints: 24)")
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default: blind-<kind>)")
     p.add_argument("--keep", action="store_true", help="keep every case's logs and page")
     p.add_argument("--calibrate", type=Path, metavar="FILE", help="also write the data that a calibration is fitted to")
     p.add_argument("--json", action="store_true", help="print blind.json, or where cases were written")
+    add_cluster_options(p, "cases", "2")
     p.add_argument("--write", type=Path, metavar="DIR", help="only write cases with their labels: for developing")
 
 
@@ -81,20 +85,21 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.blind.subprocesses import ChildError
     from hdagen.diagnosis.decision.calibration import CalibrationError
 
+    cluster = read_cluster_request(options, DEFAULT_JOBS)
     seed = _choose_seed(options.seed)
     try:
         if options.write is not None:
             from hdagen.blind.case_export import export_cases
 
             folder = export_cases(
-                options.write, options.kind, options.cases, seed, options.jobs, options.seconds, _make_progress()
+                options.write, options.kind, options.cases, seed, cluster, options.seconds, _make_progress()
             )
             if options.json:
                 print(json.dumps({"written": str(folder), "labels": "labels.json", "seed": seed}))
             else:
                 print(f"written: {folder}, with labels.json; seed {seed}")
             return DONE
-        return _run_check(options, seed)
+        return _run_check(options, seed, cluster)
     except (BlindError, CalibrationError, ChildError, SealError) as error:
         print(error, file=sys.stderr)
         return USAGE
@@ -110,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
 def _find_conflicts(options: argparse.Namespace) -> list[str]:
     problems = [
         f"{name} {value}: possible is a whole number from 1 on."
-        for name, value in (("--cases", options.cases), ("--jobs", options.jobs))
+        for name, value in (("--cases", options.cases),)
         if value < 1
     ]
     if not LEAST_SECONDS <= options.seconds <= MOST_SECONDS:
@@ -118,7 +123,7 @@ def _find_conflicts(options: argparse.Namespace) -> list[str]:
     if options.write is not None and (options.out is not None or options.calibrate is not None or options.keep):
         problems.append("--write makes cases and checks nothing: leave out --out, --keep and --calibrate.")
     if importlib.util.find_spec("mujoco") is None:
-        problems.append("MuJoCo is not installed, which makes the realities: pip install 'hdagen[blind]'.")
+        problems.append("MuJoCo is not installed, which makes the realities: pip install 'hdagen[mujoco]'.")
     return problems
 
 
@@ -147,7 +152,7 @@ def _make_progress() -> Callable[[str], None]:
     return write_line
 
 
-def _run_check(options: argparse.Namespace, seed: str) -> int:
+def _run_check(options: argparse.Namespace, seed: str, cluster: ClusterRequest) -> int:
     from hdagen.blind import blind_page, calibrate
     from hdagen.blind.blind_report import make_report, render_report
     from hdagen.blind.label_seal import hash_seed
@@ -161,7 +166,7 @@ def _run_check(options: argparse.Namespace, seed: str) -> int:
         options.kind,
         options.cases,
         seed,
-        options.jobs,
+        cluster,
         options.seconds,
         options.out or Path(f"blind-{options.kind}"),
         options.keep,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -12,6 +11,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdagen.cli.cluster_options import (
+    add_cluster_options,
+    count_job_slots,
+    list_given_options,
+    read_cluster_request,
+)
 from hdagen.cli.diagnosis_progress import show_progress
 from hdagen.cli.failure_conditions import (
     CONDITION_MET,
@@ -62,10 +67,8 @@ def add_parser(commands: Any) -> None:
     p.add_argument("--hold-out", nargs="+", type=Path, metavar="LOG", help="other motions of the same machine")
     p.add_argument("--out", type=Path, metavar="DIR", help="default: ./diagnosis-<log or fleet>")
     p.add_argument("--fleet", type=Path, metavar="fleet.toml", help="many logs, a [[machine]] with robot and log each")
-    p.add_argument(
-        "--jobs", type=int, metavar="J", help="machines of a fleet at the same time (default: half the cores)"
-    )
     add_failure_options(p)
+    add_cluster_options(p, "machines of a fleet", "half the cores")
     p.add_argument("-v", "--verbose", action="store_true", help="print every step of the search")
     p.add_argument("--json", action="store_true", help="print diagnosis.json or fleet.json, with where the page is")
 
@@ -94,14 +97,11 @@ def _check_options(options: argparse.Namespace) -> None:
     if options.fleet is None:
         if options.robot is None or not options.logs:
             problems.append("give a robot file and a log, or --fleet fleet.toml.")
-        if options.jobs is not None:
-            problems.append("--jobs: goes with --fleet only.")
+        problems += [f"{name}: goes with --fleet only." for name in list_given_options(options)]
     else:
         given = [name for name in ("robot", "columns", "hold_out") if getattr(options, name) is not None]
         if given:
             problems.append(f"--fleet: {', '.join(given)} stands in fleet.toml, by machine; leave it out here.")
-        if options.jobs is not None and options.jobs < 1:
-            problems.append(f"--jobs {options.jobs}: possible is a whole number from 1 on.")
     if problems:
         raise PlantError("\n".join(problems))
 
@@ -170,15 +170,16 @@ def _judge_conditions(met: Sequence[str]) -> int:
 
 def _diagnose_fleet(options: argparse.Namespace) -> int:
     """Diagnose all machines, write table and page; those finished before an interrupt are written, too."""
+    from hdagen.campaign.task import Status
     from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page
 
+    asked = read_cluster_request(options, count_job_slots(THREADS_PER_DIAGNOSIS))
     machines = fleet_file.read_fleet(options.fleet)
     check_failure_options(options, [machine.robot for machine in machines])
     with _make_folder(options.out or Path(f"diagnosis-{options.fleet.stem}")) as out:
-        jobs = options.jobs or max((os.cpu_count() or 1) // THREADS_PER_DIAGNOSIS, 1)
         begun = time.monotonic()
         results, interrupted = fleet_diagnosis.diagnose_fleet(
-            machines, out, jobs, lambda words: print(f"{time.monotonic() - begun:5.0f} s  {words}", file=sys.stderr)
+            machines, out, asked, lambda words: print(f"{time.monotonic() - begun:5.0f} s  {words}", file=sys.stderr)
         )
         fleet_diagnosis.write_json(out / "fleet.json", fleet_diagnosis.summarize_fleet(results))
         fleet_page.write_fleet_page(out / "fleet.html", options.fleet, results)
@@ -188,12 +189,12 @@ def _diagnose_fleet(options: argparse.Namespace) -> int:
         _print_fleet(results, out)
     if interrupted:
         raise KeyboardInterrupt
-    ended = {one.status for one in results}
-    if fleet_diagnosis.Status.FAILED in ended:
+    ended = {one.outcome.status for one in results}
+    if Status.FAILED in ended:
         return USAGE
-    if fleet_diagnosis.Status.REFUSED in ended:
+    if Status.REFUSED in ended:
         return UNUSABLE
-    found = ((one.machine.name, one.diagnosis) for one in results if one.diagnosis)
+    found = ((one.machine.name, one.row) for one in results if one.row)
     met = [f"{name}: {words}" for name, content in found for words in find_met_conditions(options, content)]
     return _judge_conditions(met)
 
@@ -224,13 +225,13 @@ def _build_fleet_table(results: Sequence[MachineResult]) -> Table:
         table.add_column(heading, justify="right", overflow="fold")
     for one in results:
         name, missing, *figures = map(_format_cell, build_machine_cells(one))
-        if one.messages:
-            missing += f": {one.messages[0]}"
+        if one.outcome.messages:
+            missing += f": {one.outcome.messages[0]}"
         took = ""
-        if one.is_reused:
+        if one.outcome.is_reused:
             took = "kept"
-        elif one.seconds:
-            took = f"{one.seconds:.0f}"
+        elif one.outcome.seconds:
+            took = f"{one.outcome.seconds:.0f}"
         table.add_row(escape(name), escape(missing), *figures, took)
     return table
 

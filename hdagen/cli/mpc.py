@@ -11,6 +11,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdagen.cli.cluster_options import add_cluster_options, count_job_slots, read_cluster_request
+
 if TYPE_CHECKING:
     from hdagen.mpc.benchmark.sqp_convergence import LoopCosts
 
@@ -53,6 +55,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument("--profile", choices=("portable", "native"), default="native")
     p.add_argument("--out", type=Path, default=None, help="of `explain`: the page (default: beside the log, .html)")
     p.add_argument("--json", action="store_true", help="print the figures as JSON")
+    add_cluster_options(p, "random runs of `table`", "the cores")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -130,15 +133,19 @@ def _explain_run(options: argparse.Namespace) -> int:
 def _print_comparison(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from hdagen.mpc.benchmark.law_comparison import compare_controllers, drive_random_runs, format_comparison
+    from hdagen.mpc.benchmark.law_comparison import compare_controllers, format_comparison
+    from hdagen.mpc.benchmark.random_run_tasks import drive_runs_on_cluster
 
+    count = max(0, options.runs)
+    asked = read_cluster_request(options, min(count_job_slots(1), max(count, 1)))
     with Console(stderr=True).status("starting") as status:
         found = compare_controllers(options.profile, status.update)
         runs = []
         with contextlib.suppress(KeyboardInterrupt):  # an interrupt leaves the runs that are finished
-            for one in drive_random_runs(max(0, options.runs), found.tuned.gains, options.profile):
+            for one in drive_runs_on_cluster(count, found.tuned.gains, options.profile, asked, status.console.print):
                 runs.append(one)
-                status.update(f"random run {len(runs)} of {options.runs}, limits kept in {sum(r.kept for r in runs)}")
+                status.update(f"random run {len(runs)} of {count}, limits kept in {sum(r.kept for r in runs)}")
+    runs.sort(key=lambda one: one.seed)
     if options.json:
         rows = {
             "rows": [asdict(row) for row in found.rows],

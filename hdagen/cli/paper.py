@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdagen.cli.cluster_options import add_cluster_options, read_cluster_request
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -45,6 +47,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument("--out", type=Path, default=Path("paper"), help="the folder (default: paper)")
     p.add_argument("--profile", choices=("portable", "native"), default="native", help="how the arms are compiled")
     p.add_argument("--json", action="store_true", help="print the claims as JSON")
+    add_cluster_options(p, "groups of figures", "2")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -80,14 +83,15 @@ def run(options: argparse.Namespace) -> int:
     require_matplotlib()
     begun, console, found, new = time.perf_counter(), Console(), {}, 0
     errors = Console(stderr=True)
-    processes = 1
-    if len(figures) > 1:
-        processes = figure_production.count_processors()
+    jobs = 1
+    if len({figure.module for figure in figures}) > 1:
+        jobs = figure_production.count_processors()
+    asked = read_cluster_request(options, jobs)
 
     def say(words: str) -> None:
         errors.print(words, highlight=False, markup=False)
 
-    for figure, content, now in figure_production.make_figures(figures, options.out, options.profile, processes, say):
+    for figure, content, now in figure_production.make_figures(figures, options.out, options.profile, asked, say):
         found[figure.name] = content
         new += now
     contents = [found[figure.name] for figure in figures]

@@ -241,6 +241,8 @@ def _print_replay(
     from rich.markup import escape
     from rich.table import Table
 
+    from hdagen.arm.channel_units import find_channel_unit
+
     windows = "one window"
     if len(found.starts) > 1:
         windows = f"{len(found.starts)} window(s)"
@@ -261,7 +263,7 @@ def _print_replay(
                 share = f"{100 * found.relative[name]:.3g} %"
             if name in found.counted_channels:
                 multiple = f"{error / found.noise[name]:.3g} x"
-        table.add_row(name, f"{error:.4g}", _find_unit(arm, name), share, multiple)
+        table.add_row(name, f"{error:.4g}", find_channel_unit(arm, name), share, multiple)
     console = Console(highlight=False)
     console.print(table)
     if math.isfinite(found.gap):
@@ -276,18 +278,3 @@ def _print_replay(
         console.print(f"note: {note}", markup=False)
     if options.out is not None:
         console.print(f"written: {options.out}", markup=False)
-
-
-def _find_unit(arm: Arm, name: str) -> str:
-    """The unit of a channel."""
-    quantity, _, j = name.rpartition("_")
-    slides = arm.robot["joints"][int(j) - 1]["kind"] == "prismatic"
-    if "current" in quantity:
-        return "A"
-    if "torque" in quantity:
-        if slides and arm.parameters[f"ratio_{j}"] == 1.0:  # at 1 rad/m N m and N are the same number
-            return "N"
-        return "N m"
-    if slides and quantity == "joint_position":
-        return "m"
-    return "rad"

@@ -12,14 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 from hdagen.data_quality.log_profile import LogProfile
 from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
-
-_SURE_STANDARD_ERRORS = 6.0  # standard errors
-_JACKKNIFE_BLOCKS = 10  # of time, each left out once by the jackknife
-_LEAST_NOISE_MULTIPLE = 2.0  # times the noise of the encoders, that a drift must reach
-_LARGEST_DRIFT_RATE = 1e-2  # of a clock's rate; more is no drift of a clock
 
 
 def find_clock_drifts(profile: LogProfile, ratios: Sequence[float]) -> dict[int, float]:
@@ -45,9 +41,9 @@ def find_clock_drifts(profile: LogProfile, ratios: Sequence[float]) -> dict[int,
         noise = float(np.hypot(channels[0].noise, channels[1].noise))
         late = abs(rate) * float(np.ptp(log.time)) / 2
         if (
-            abs(rate) > _SURE_STANDARD_ERRORS * error
-            and late * speed > _LEAST_NOISE_MULTIPLE * noise
-            and abs(rate) < _LARGEST_DRIFT_RATE
+            abs(rate) > CHANNEL_CHECK.sure_drift_deviations * error
+            and late * speed > CHANNEL_CHECK.least_drift_noise * noise
+            and abs(rate) < CHANNEL_CHECK.largest_drift_rate
         ):
             found[joint] = rate
     return found
@@ -92,7 +88,7 @@ def _fit_delay_growth(profile: LogProfile, motor: np.ndarray, link: str) -> tupl
     def fitted(kept: np.ndarray) -> float:
         return float(np.linalg.lstsq(X[kept], y[kept], rcond=1e-9)[0][0] / size[0])
 
-    block = np.arange(len(X)) * _JACKKNIFE_BLOCKS // len(X)
-    without = np.array([fitted(block != b) for b in range(_JACKKNIFE_BLOCKS)])
-    error = float(np.sqrt((_JACKKNIFE_BLOCKS - 1) * np.mean((without - without.mean()) ** 2)))
+    block = np.arange(len(X)) * CHANNEL_CHECK.jackknife_blocks // len(X)
+    without = np.array([fitted(block != b) for b in range(CHANNEL_CHECK.jackknife_blocks)])
+    error = float(np.sqrt((CHANNEL_CHECK.jackknife_blocks - 1) * np.mean((without - without.mean()) ** 2)))
     return fitted(block >= 0), error, float(np.std(speed))

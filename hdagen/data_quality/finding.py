@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-UNSTATED_CURRENT = 200.0  # A; above it, unless the robot file states such a drive, currents are in mA
-
 
 class Severity(Enum):
     """REFUSE: a diagnosis would be wrong. WARN: somebody should look at it. NOTE: good to know."""

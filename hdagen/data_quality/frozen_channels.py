@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity
 from hdagen.data_quality.input_lags import COMMAND_MEASUREMENT_PAIRS, INPUT_QUANTITIES
 from hdagen.data_quality.inputs_vs_motion import find_swapped_inputs, measure_unexplained_input, smooth_sound_motion
@@ -14,22 +15,6 @@ from hdagen.data_quality.log_profile import LogProfile
 from hdagen.log.channel_statistics import ChannelStatistics
 from hdagen.log.measured_log import Log
 from hdagen.support.row_runs import find_true_runs
-
-_LEAST_INPUT_RUN, _LEAST_POSITION_RUN = (
-    0.01,
-    0.03,
-)  # s at one value that count; a slow encoder stands still at a reversal
-_LEAST_RUN_ROWS = 5
-_SPEED_ROWS = 4  # rows beside a run, whose median move is its speed
-_LEAST_SPEED_SHARE = 0.2  # share of the usual speed from which a motion is not about to turn
-_ABRUPT_RATIO = 2.0  # times the largest change of speed elsewhere in the log
-_COMMANDED_ROWS_SHARE, _COMMANDED_NOISE_MULTIPLE = (
-    0.95,
-    4.0,
-)  # share of rows in which a measurement is its command, within so many times its noise
-_PASSIVE_INPUT_SHARE = 0.25  # share of the strongest joint's input that a joint which is not driven may read
-_LEAST_ERROR_RATIO = 3.0  # times the fit's error, by which the motion must require more than a saturated input
-_LEAST_BOUND_SHARE = 0.05  # of the bound, by which it must do so, too
 
 
 def find_frozen_channels(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
@@ -74,7 +59,7 @@ def _is_passive(log: Log, channels: Mapping[str, ChannelStatistics], joint: int)
         command, name = channels.get(f"{commanded}_{joint}"), f"{measured}_{joint}"
         if command is not None and command.low == command.high == 0.0 and name in log:
             sizes = [np.std(log[f"{measured}_{j}"]) for j in range(1, log.n_joints + 1) if f"{measured}_{j}" in log]
-            return bool(np.std(log[name]) < _PASSIVE_INPUT_SHARE * max(sizes))
+            return bool(np.std(log[name]) < CHANNEL_CHECK.passive_input_share * max(sizes))
     return False
 
 
@@ -86,8 +71,8 @@ def _follows_command(
         found = channels.get(f"{measured}_{joint}")
         if command.name == f"{commanded}_{joint}" and found is not None:
             return bool(
-                np.quantile(np.abs(log[found.name] - command.low), _COMMANDED_ROWS_SHARE)
-                < _COMMANDED_NOISE_MULTIPLE * found.noise
+                np.quantile(np.abs(log[found.name] - command.low), CHANNEL_CHECK.commanded_rows_share)
+                < CHANNEL_CHECK.commanded_noise_multiple * found.noise
             )
     return False
 
@@ -167,7 +152,7 @@ def find_saturated_inputs(profile: LogProfile, robot: RobotFacts, model: Arm | N
             if name not in channels or channels[name].is_constant:
                 continue
             held = np.zeros(len(log), bool)
-            for start, stop in _find_extreme_runs(log, name, _LEAST_INPUT_RUN):
+            for start, stop in _find_extreme_runs(log, name, CHANNEL_CHECK.least_input_run):
                 held[start:stop] = True
             if not held.any():
                 continue
@@ -176,7 +161,7 @@ def find_saturated_inputs(profile: LogProfile, robot: RobotFacts, model: Arm | N
                 continue
             excess, error = beyond
             bound = max(abs(channels[name].low), abs(channels[name].high))
-            if excess > _LEAST_ERROR_RATIO * error and excess > _LEAST_BOUND_SHARE * bound:
+            if excess > CHANNEL_CHECK.least_error_ratio * error and excess > CHANNEL_CHECK.least_bound_share * bound:
                 sentence = (
                     f"{name} stands at {channels[name].low:.4g} or {channels[name].high:.4g} in "
                     f"{100 * np.count_nonzero(held) / len(log):.2g} % of the rows, and the motion there asks for "
@@ -188,7 +173,7 @@ def find_saturated_inputs(profile: LogProfile, robot: RobotFacts, model: Arm | N
 
 def _find_extreme_runs(log: Log, name: str, shortest: float) -> list[tuple[int, int]]:
     """Rows [start, stop) in which the column stays at its smallest or largest value for at least ``shortest`` s."""
-    values, least = log[name], max(_LEAST_RUN_ROWS, round(shortest / log.period))
+    values, least = log[name], max(CHANNEL_CHECK.least_run_rows, round(shortest / log.period))
     runs = []
     for extreme in (values.min(), values.max()):
         runs += [(int(a), int(b)) for a, b in find_true_runs(values == extreme) if b - a >= least]
@@ -200,17 +185,20 @@ def _find_cut_runs(log: Log, name: str) -> list[tuple[int, int]]:
 
     The speed changes there by far more than anywhere else: no drive can do that twice in a row.
     """
-    values, runs = log[name], _find_extreme_runs(log, name, _LEAST_POSITION_RUN)
+    values, runs = log[name], _find_extreme_runs(log, name, CHANNEL_CHECK.least_position_run)
     moves = np.diff(values) / np.maximum(np.rint(np.diff(log.time) / log.period), 1)
     usual = float(np.sqrt(np.mean(moves**2)))
     away = np.ones(len(moves) - 1, bool)  # of the changes of speed, those beside no run
     for start, stop in runs:
         away[max(start - 3, 0) : stop + 2] = False
     elsewhere = float(np.abs(np.diff(moves))[away].max(initial=0.0))
-    least = max(_LEAST_SPEED_SHARE * usual, _ABRUPT_RATIO * elsewhere)
+    least = max(CHANNEL_CHECK.least_speed_share * usual, CHANNEL_CHECK.abrupt_ratio * elsewhere)
     cut = []
     for start, stop in runs:
-        sides = (moves[max(start - 1 - _SPEED_ROWS, 0) : start - 1], moves[stop : stop + _SPEED_ROWS])
-        if all(len(side) == _SPEED_ROWS and np.abs(np.median(side)) > least for side in sides):
+        sides = (
+            moves[max(start - 1 - CHANNEL_CHECK.speed_rows, 0) : start - 1],
+            moves[stop : stop + CHANNEL_CHECK.speed_rows],
+        )
+        if all(len(side) == CHANNEL_CHECK.speed_rows and np.abs(np.median(side)) > least for side in sides):
             cut.append((start, stop))
     return cut

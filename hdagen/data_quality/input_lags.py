@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hdagen.data_quality.input_check_settings import INPUT_CHECK
 from hdagen.log.channel_statistics import fit_slope_and_correlation
 from hdagen.log.measured_log import Log, find_gaps
 
@@ -14,8 +15,6 @@ COMMAND_MEASUREMENT_PAIRS = (
     ("motor_torque_command", "motor_torque"),
 )  # commanded, measured
 INPUT_QUANTITIES = tuple(base for pair in COMMAND_MEASUREMENT_PAIRS for base in pair)
-_LONGEST_LAG = 0.1  # s, searched between command and measurement
-_EARLIEST_LAG_ROWS = -5  # rows, earliest lag that is searched
 
 
 @dataclass(frozen=True)
@@ -45,14 +44,14 @@ def estimate_lag(command: np.ndarray, measured: np.ndarray, period: float) -> La
         The lag; None where the two do not correlate or hardly vary.
 
     """
-    latest = max(10, round(_LONGEST_LAG / period))
-    inner = command[-_EARLIEST_LAG_ROWS : len(command) - latest]
+    latest = max(10, round(INPUT_CHECK.longest_lag / period))
+    inner = command[-INPUT_CHECK.earliest_lag_rows : len(command) - latest]
     if len(command) < 4 * latest:
         return None
-    lags = range(_EARLIEST_LAG_ROWS, latest + 1)
+    lags = range(INPUT_CHECK.earliest_lag_rows, latest + 1)
     slopes, misfits = [], []
     for rows in lags:
-        later = measured[rows - _EARLIEST_LAG_ROWS : rows - _EARLIEST_LAG_ROWS + len(inner)]
+        later = measured[rows - INPUT_CHECK.earliest_lag_rows : rows - INPUT_CHECK.earliest_lag_rows + len(inner)]
         both = np.isfinite(inner) & np.isfinite(later)
         pair = (inner, later) if both.all() else (inner[both], later[both])
         if len(pair[0]) < latest or np.ptp(pair[0]) == 0 or np.ptp(pair[1]) == 0:
@@ -68,7 +67,13 @@ def estimate_lag(command: np.ndarray, measured: np.ndarray, period: float) -> La
         left, middle, right = misfits[best - 1 : best + 2]
         if left + right > 2 * middle:
             vertex = 0.5 * (left - right) / (left - 2 * middle + right)
-    return Lag(lags[best], (lags[best] + vertex) * period, slopes[best], misfits[best], misfits[1 - _EARLIEST_LAG_ROWS])
+    return Lag(
+        lags[best],
+        (lags[best] + vertex) * period,
+        slopes[best],
+        misfits[best],
+        misfits[1 - INPUT_CHECK.earliest_lag_rows],
+    )
 
 
 def estimate_lags(log: Log) -> dict[str, Lag]:
@@ -96,7 +101,9 @@ def _fill_missing_rows(log: Log, names: tuple[str, str]) -> tuple[np.ndarray, np
     """Columns with a NaN for each row that is missing; of a long gap only as many as the longest lag."""
     rows, missing = find_gaps(log.time)
     steps = np.ones(len(log), int)
-    steps[rows + 1] += np.minimum(missing, max(10, round(_LONGEST_LAG / log.period)) - _EARLIEST_LAG_ROWS)
+    steps[rows + 1] += np.minimum(
+        missing, max(10, round(INPUT_CHECK.longest_lag / log.period)) - INPUT_CHECK.earliest_lag_rows
+    )
     place = np.cumsum(steps) - 1
     spread = np.full((len(names), place[-1] + 1), np.nan)
     spread[:, place] = [log[name] for name in names]

@@ -7,16 +7,13 @@ import math
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.data_quality.finding import UNSTATED_CURRENT, Finding, RobotFacts, Severity, state_max_current
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
+from hdagen.data_quality.finding import Finding, RobotFacts, Severity, state_max_current
+from hdagen.data_quality.input_check_settings import INPUT_CHECK
 from hdagen.data_quality.input_lags import COMMAND_MEASUREMENT_PAIRS, Lag
 from hdagen.data_quality.inputs_vs_motion import measure_delay_rows
 from hdagen.data_quality.log_profile import LogProfile
 from hdagen.log.measured_log import Log
-
-_CLEAR_MISFIT_RATIO = (
-    0.5  # of the misfit at the usual lag, that a lag before the command must leave at most to be a mistake
-)
-_LEAST_EARLY_ROWS = 3  # rows from which the motion decides whether command or measurement is logged in the wrong row
 
 
 def check_current_sizes(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
@@ -36,7 +33,7 @@ def check_current_sizes(profile: LogProfile, robot: RobotFacts, model: Arm | Non
         for name in (f"motor_current_command_{joint}", f"motor_current_{joint}"):
             if name not in channels:
                 continue
-            peak, most = max(abs(channels[name].low), abs(channels[name].high)), UNSTATED_CURRENT
+            peak, most = max(abs(channels[name].low), abs(channels[name].high)), CHANNEL_CHECK.most_unstated_current
             if stated:
                 most = 10 * stated
             if peak > most:
@@ -97,13 +94,17 @@ def _check_row_shift(log: Log, one: Lag, command: str, name: str, joint: int, be
             f'ignore = ["{name}"] in columns.toml.'
         )
         return [Finding(Severity.REFUSE, "row_shift", joint, sentence, {"ignore": [name]})]
-    if one.rows <= 0 and one.misfit < 0.9 * one.usual_misfit and one.misfit >= _CLEAR_MISFIT_RATIO * one.usual_misfit:
+    if (
+        one.rows <= 0
+        and one.misfit < 0.9 * one.usual_misfit
+        and one.misfit >= INPUT_CHECK.clear_misfit_ratio * one.usual_misfit
+    ):
         sentence = (
             f"{name} fits {command} best {-1e3 * one.seconds:.2g} ms ahead of it, which cannot be, and hardly better "
             "than behind it: their shapes differ in another way."
         )
         return [Finding(Severity.NOTE, "row_shift", joint, sentence)]
-    if one.rows <= 0 and one.misfit < _CLEAR_MISFIT_RATIO * one.usual_misfit:
+    if one.rows <= 0 and one.misfit < INPUT_CHECK.clear_misfit_ratio * one.usual_misfit:
         early, shown = 1 - one.rows, "k"
         if one.rows:
             shown = f"k+{-one.rows}"
@@ -113,7 +114,8 @@ def _check_row_shift(log: Log, one: Lag, command: str, name: str, joint: int, be
             "in columns.toml."
         )
         repair = {name: {"shift_rows": early}}
-        if early >= _LEAST_EARLY_ROWS and behind > -early / 2:  # the motion follows the measurement as it stands
+        # the motion follows the measurement as it stands
+        if early >= INPUT_CHECK.least_early_rows and behind > -early / 2:
             repair = {command: {"shift_rows": -early}}
         return [Finding(Severity.REFUSE, "row_shift", joint, sentence, repair)]
     if one.rows == 2 and one.misfit < 0.8 * one.usual_misfit:

@@ -15,22 +15,12 @@ import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity, format_repair
+from hdagen.data_quality.input_check_settings import INPUT_CHECK
 from hdagen.data_quality.input_lags import INPUT_QUANTITIES
 from hdagen.data_quality.log_profile import LogProfile, SmoothedMotion
 from hdagen.data_quality.rank_check import is_determined
 from hdagen.data_quality.relations import both_encoders_move
 from hdagen.log.channel_statistics import ChannelStatistics
-
-_MOST_INERTIA_RATIO = (
-    3.0  # ratio to the robot file's inertia that effects can explain: torque constant, payload, wrong mass
-)
-_LEAST_CORRELATION = 0.3  # correlation of input and inertial torque, below which neither determines the other
-_MILLI_TOLERANCE = 3.0  # ratio to 1000 within which a scale counts as that of thousandths
-_DRIVEN_TORQUE_RATIO = (
-    2.0  # times the torque that moves a joint without its drive, from which there must have been a drive
-)
-_BREAKAWAY_RATIO = 3.0  # multiples of its dry friction that move any joint
-_EXCHANGED_FIT_RATIO = 1.5  # ratio by which the torsion must fit better with the joints exchanged
 
 
 def check_inertia(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Finding]:
@@ -57,7 +47,7 @@ def check_inertia(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Fi
             low, high = _bound_coefficient(
                 _stack_friction_terms(moving, one, inertial), unit * profile.sample_channel(name)
             )
-            if low > _MOST_INERTIA_RATIO or high < 1 / _MOST_INERTIA_RATIO:
+            if low > INPUT_CHECK.most_inertia_ratio or high < 1 / INPUT_CHECK.most_inertia_ratio:
                 times = math.copysign(math.sqrt(low * high), high)
                 findings.append(_explain_inertia(name, joint, times, channels[name]))
     return findings
@@ -85,7 +75,7 @@ def check_drives(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Fin
         encoders = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in channels]
         if joint in moving.joints and inputs and all(channels[name].is_constant for name in inputs):
             times = _compare_own_torque(profile, model, moving, joint, torque)
-            if times > _DRIVEN_TORQUE_RATIO:
+            if times > INPUT_CHECK.driven_torque_ratio:
                 sentence = (
                     f"{inputs[0]} stays at {channels[inputs[0]].low:.5g} while joint {joint} moves as only its drive "
                     f"can move it (its inertia takes {times:.3g} times what weight and the other joints give): the "
@@ -120,7 +110,7 @@ def find_exchanged_joints(profile: LogProfile, robot: RobotFacts, model: Arm) ->
         torque = _joint_torque(profile, model, exchanged)
         other = _measure_torsion_residuals(profile, model, exchanged, torque, {i: j, j: i})
         better = math.sqrt(own[i] * own[j] / (other[i] * other[j]))
-        if better > _EXCHANGED_FIT_RATIO:
+        if better > INPUT_CHECK.exchanged_fit_ratio:
             sentence = (
                 f"joints {i} and {j} twist as the robot file has it of each other (exchanged they fit {better:.1f} "
                 "times better): all columns of one are logged as the other's; exchange their 'from' in columns.toml, "
@@ -164,7 +154,7 @@ def _find_unread_encoder(
     unit = _torque_per_input(arm, name, joint)
     carried = np.interp(log.time, profile.grid.time, torque[:, joint - 1]) / arm.parameters[f"ratio_{joint}"]
     pushed = float(np.quantile(np.abs(unit * log[name] - carried), 0.95)) / friction
-    if pushed < _BREAKAWAY_RATIO:
+    if pushed < INPUT_CHECK.breakaway_ratio:
         return []
     sentence = (
         f"{encoder} stays at {channels[encoder].low:.5g} while {name} pushes the joint with {pushed:.2g} times the dry "
@@ -178,7 +168,7 @@ def _explain_inertia(name: str, joint: int, found: float, channel: ChannelStatis
     """The finding for an impossible inertia: another unit, a reversed sign or another robot."""
     times = f"{name} asks for {found:.3g} times the inertia of joint {joint} in the robot file"
     milli = {name: {"unit": "mA"}}
-    if "current" in name and 1000 / _MILLI_TOLERANCE < found < 1000 * _MILLI_TOLERANCE:
+    if "current" in name and 1000 / INPUT_CHECK.milli_tolerance < found < 1000 * INPUT_CHECK.milli_tolerance:
         sentence = (
             f"{times} (it reaches {max(abs(channel.low), abs(channel.high)):.4g}): mA; set {format_repair(milli)} in "
         )
@@ -251,7 +241,7 @@ def _bound_coefficient(terms: np.ndarray, values: np.ndarray) -> tuple[float, fl
     other = terms[:, 1:] / np.maximum(np.abs(terms[:, 1:]).max(0), 1e-300)
     x, y = (part - other @ np.linalg.lstsq(other, part, rcond=1e-10)[0] for part in (terms[:, 0], values))
     xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
-    if xy == 0 or xy**2 < _LEAST_CORRELATION**2 * xx * yy:
+    if xy == 0 or xy**2 < INPUT_CHECK.least_correlation**2 * xx * yy:
         return math.nan, math.nan
     return tuple(sorted((xy / xx, yy / xy)))  # type: ignore[return-value]
 

@@ -13,17 +13,10 @@ import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity
+from hdagen.data_quality.input_check_settings import INPUT_CHECK
 from hdagen.data_quality.input_lags import INPUT_QUANTITIES
 from hdagen.data_quality.log_profile import LogProfile, SmoothedMotion
 from hdagen.data_quality.rank_check import is_determined
-
-# A sign is reversed where the inertia's share is this many standard deviations below zero and the power that friction
-# takes this share of the largest possible, very clear in the one or clear in both, and the fit explains the input.
-_SURE_INERTIA, _SURE_POWER = -20.0, -0.03
-_LIKELY_INERTIA, _LIKELY_POWER = -5.0, -0.15
-_LEAST_EXPLAINED = 0.8
-_MOST_DELAY_ROWS = 12  # rows, searched between an input and the motion
-_LEAST_ROWS_AHEAD = 4  # rows that the motion must be ahead of its input to be reported
 
 
 def smooth_sound_motion(profile: LogProfile, robot: RobotFacts) -> SmoothedMotion:
@@ -110,10 +103,11 @@ def find_reversed_inputs(profile: LogProfile, robot: RobotFacts, model: Arm | No
                 f"zero, its friction gives {-100 * power:.0f} % of the largest possible power)"
             )
             repair = f"set sign = -1 under [{name}] in columns.toml, or under both positions of joint {joint}"
-            sure = (inertia < _SURE_INERTIA and power < _SURE_POWER) or (
-                inertia < _LIKELY_INERTIA and power < _LIKELY_POWER
+            # reversed where inertia and friction's power are below zero, very clear in the one or clear in both
+            sure = (inertia < INPUT_CHECK.sure_reversed_inertia and power < INPUT_CHECK.sure_reversed_power) or (
+                inertia < INPUT_CHECK.likely_reversed_inertia and power < INPUT_CHECK.likely_reversed_power
             )
-            if sure and fit.explained > _LEAST_EXPLAINED:
+            if sure and fit.explained > INPUT_CHECK.least_explained:
                 findings.append(Finding(Severity.REFUSE, "reversed", joint, f"{says}: its sign is reversed; {repair}."))
             elif sure:
                 sentence = f"{says}: a reversed sign, or a hand that moved the arm? If it is the sign, {repair}."
@@ -151,7 +145,7 @@ def _fit_delay_rows(profile: LogProfile, moving: SmoothedMotion) -> dict[str, fl
     channels, found = profile.channels, {}
     for one, joint in enumerate(moving.joints):
         rows = np.arange(0, len(moving.grid.time), moving.grid.window_rows)
-        kept = (rows >= _MOST_DELAY_ROWS) & (rows < len(moving.grid.time) - _MOST_DELAY_ROWS)
+        kept = (rows >= INPUT_CHECK.most_delay_rows) & (rows < len(moving.grid.time) - INPUT_CHECK.most_delay_rows)
         terms = _stack_motion_terms(moving, one, list(range(len(moving.joints))))[kept]
         for name in (f"{base}_{joint}" for base in INPUT_QUANTITIES):
             if name not in channels or channels[name].is_constant or not is_determined(terms):
@@ -159,11 +153,11 @@ def _fit_delay_rows(profile: LogProfile, moving: SmoothedMotion) -> dict[str, fl
             smooth = profile.smooth_channel(name)
             misfits = [
                 1 - _fit_terms(terms, smooth[rows[kept] - shift]).explained
-                for shift in range(-_MOST_DELAY_ROWS, _MOST_DELAY_ROWS + 1)
+                for shift in range(-INPUT_CHECK.most_delay_rows, INPUT_CHECK.most_delay_rows + 1)
             ]
             best = int(np.argmin(misfits))
-            if misfits[best] < 1 - _LEAST_EXPLAINED and 0 < best < 2 * _MOST_DELAY_ROWS:
-                found[name] = float(best - _MOST_DELAY_ROWS)
+            if misfits[best] < 1 - INPUT_CHECK.least_explained and 0 < best < 2 * INPUT_CHECK.most_delay_rows:
+                found[name] = float(best - INPUT_CHECK.most_delay_rows)
     return found
 
 
@@ -184,7 +178,7 @@ def find_input_skews(profile: LogProfile, robot: RobotFacts, model: Arm | None) 
     found, findings = measure_delay_rows(profile, robot), []
     for base in INPUT_QUANTITIES:
         rows = {name: value for name, value in found.items() if name.rpartition("_")[0] == base}
-        if rows and max(rows.values()) <= -_LEAST_ROWS_AHEAD:
+        if rows and max(rows.values()) <= -INPUT_CHECK.least_rows_ahead:
             shift = round(sum(rows.values()) / len(rows))
             sentence = (
                 f"the motion is {-1e3 * shift * profile.period:.2g} ms ahead of {', '.join(rows)}, which cannot be: "

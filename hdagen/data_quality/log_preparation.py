@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.data_quality.log_repair import SHORTEST_LOG, Repair, repair_log
+from hdagen.data_quality.log_repair import Repair, repair_log
+from hdagen.data_quality.log_repair_settings import LOG_REPAIR
 from hdagen.data_quality.log_triage import Triage
 from hdagen.data_quality.shared_motion import POSITION_CHANNELS, Mask, find_shared_motion, mask_unshared_rows
 from hdagen.log.channel_statistics import compute_channel_statistics
@@ -120,7 +121,7 @@ def _find_still_joints(arm: Arm, seen: Sequence[Triage]) -> list[int]:
 def _is_long_motion(log: Log, rows: Mask) -> bool:
     """Whether ``rows`` (T) of a log are motion of some length."""
     lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in find_true_runs(rows))
-    return lasts >= SHORTEST_LOG and any(
+    return lasts >= LOG_REPAIR.shortest_motion and any(
         compute_channel_statistics(name, values[rows]).is_moving
         for name, values in log.columns.items()
         if (split_column_name(name) or ("", 0))[0] in POSITION_CHANNELS

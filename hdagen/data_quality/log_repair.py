@@ -21,6 +21,7 @@ from hdagen.data_quality import encoder_clock_drift
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity, format_repair
 from hdagen.data_quality.inputs_vs_model import MODEL_CHECKS
 from hdagen.data_quality.log_profile import LogProfile
+from hdagen.data_quality.log_repair_settings import LOG_REPAIR
 from hdagen.data_quality.log_triage import Triage, examine_log
 from hdagen.data_quality.outliers import find_outliers
 from hdagen.data_quality.shared_motion import POSITION_CHANNELS
@@ -30,14 +31,8 @@ from hdagen.log.data_table import LogError, Table
 from hdagen.log.measured_log import Log, find_gaps, split_at_pauses
 from hdagen.support.row_runs import find_true_runs
 
-SHORTEST_LOG = 1.0  # s of motion at least
 _MENDED_FINDINGS = ("degrees", "milliamperes", "wrapped", "row_shift")  # refused findings whose repair is unambiguous
 _CONTRADICTED = "contradicted"  # a warning that is repaired too
-_MOST_REPAIR_ROUNDS = 4  # rounds of repair at most, as one mistake can hide another
-_EMPTY_COLUMN_SHARE = 0.5  # share of missing values from which a column is left out, not its rows
-_MOST_LOST_ROW_SHARE = 0.1  # share of rows that may be missing
-_LONG_GAP_TIME = 0.01  # s without a row, over which a command is not taken as held
-_LONG_GAP_PERIODS = 3.5  # periods of such a gap at least
 _NEEDED_CHANNELS = (
     ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque"),
     POSITION_CHANNELS,
@@ -81,7 +76,7 @@ def repair_log(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
     if problems:
         raise LogError(problems)
     robot = RobotFacts.from_robot(arm.robot)
-    for _ in range(_MOST_REPAIR_ROUNDS):
+    for _ in range(LOG_REPAIR.most_repair_rounds):
         seen = examine_log(profile, robot)
         findings = _find_suspicions(profile, robot, arm, seen)
         mended = _choose_mendable(findings)
@@ -157,8 +152,10 @@ def split_at_long_gaps(time: np.ndarray) -> list[tuple[int, int]]:
 
     """
     if len(time) < 2:
-        return split_at_pauses(time, _LONG_GAP_TIME)
-    return split_at_pauses(time, max(_LONG_GAP_TIME, _LONG_GAP_PERIODS * float(np.median(np.diff(time)))))
+        return split_at_pauses(time, LOG_REPAIR.long_gap_time)
+    return split_at_pauses(
+        time, max(LOG_REPAIR.long_gap_time, LOG_REPAIR.long_gap_periods * float(np.median(np.diff(time))))
+    )
 
 
 def _check_joints(log: Log, arm: Arm) -> list[str]:
@@ -222,7 +219,7 @@ def _apply_repairs(log: Log, mended: list[Finding]) -> Log:
 def _drop_missing_values(log: Log) -> tuple[Log, list[Repair]]:
     """The log without columns that are mostly empty and without rows in which another has no value."""
     missing = {name: ~np.isfinite(values) for name, values in log.columns.items()}
-    empty = [name for name, rows in missing.items() if np.mean(rows) > _EMPTY_COLUMN_SHARE]
+    empty = [name for name, rows in missing.items() if np.mean(rows) > LOG_REPAIR.empty_column_share]
     repairs = []
     for name in empty:
         share, joint = 100 * np.mean(missing[name]), (split_column_name(name) or (name, 0))[1]
@@ -243,7 +240,7 @@ def _drop_missing_values(log: Log) -> tuple[Log, list[Repair]]:
         f"{where}: no value in {bad.sum()} row(s), {100 * np.mean(bad):.2g} % of the log, in {len(lengths)} run(s), "
         f"the longest of {lengths.max()} row(s), first in row {first[0] + 1} ({log.time[first[0]]:.6g} s)"
     )
-    if np.mean(bad) > _MOST_LOST_ROW_SHARE or np.count_nonzero(~bad) < 2:
+    if np.mean(bad) > LOG_REPAIR.most_lost_row_share or np.count_nonzero(~bad) < 2:
         raise LogError([f"{log.source}: {says}: too many; record with a logger that keeps up, or cut the log there."])
     sentence = f"{says}: these rows are taken out, and long runs cut the log; record with a logger that keeps up."
     repairs.append(Repair("missing", 0, sentence))
@@ -257,7 +254,7 @@ def _drop_outliers(profile: LogProfile, arm: Arm) -> tuple[LogProfile, list[Repa
     if not found:
         return profile, []
     log = profile.log
-    if np.mean(bad) > _MOST_LOST_ROW_SHARE:
+    if np.mean(bad) > LOG_REPAIR.most_lost_row_share:
         raise LogError(
             [f"{log.source}: {one.sentence}: too many; record each channel at the rate it is read at." for one in found]
         )
@@ -270,10 +267,10 @@ def _find_too_little_content(log: Log, seen: Triage) -> list[str]:
     """The reasons to refuse a log that is too short, moves no joint, or has lost too many rows."""
     problems = []
     lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in split_at_long_gaps(log.time))
-    if lasts < SHORTEST_LOG:
+    if lasts < LOG_REPAIR.shortest_motion:
         problems.append(
-            f"{log.source}: the log lasts {lasts:.3g} s without its gaps, shorter than {SHORTEST_LOG:g} s: record at"
-            " least 10 s of motion with reversals, slow and fast."
+            f"{log.source}: the log lasts {lasts:.3g} s without its gaps, shorter than "
+            f"{LOG_REPAIR.shortest_motion:g} s: record at least 10 s of motion with reversals, slow and fast."
         )
     if not any(c.is_moving for c in seen.channels if (split_column_name(c.name) or ("", 0))[0] in _NEEDED_CHANNELS[1]):
         problems.append(
@@ -281,7 +278,7 @@ def _find_too_little_content(log: Log, seen: Triage) -> list[str]:
             "one effect; record a motion of every joint, with reversals, as hdagen excite designs one."
         )
     share = seen.dropped / (seen.rows + seen.dropped)
-    if share > _MOST_LOST_ROW_SHARE:
+    if share > LOG_REPAIR.most_lost_row_share:
         problems.append(
             f"{log.source}: {100 * share:.2g} % of the rows are missing; record with a logger that keeps up, or at a "
             "lower rate."

@@ -10,32 +10,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from hdagen.data_quality.finding import UNSTATED_CURRENT, state_max_current
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
+from hdagen.data_quality.finding import state_max_current
 from hdagen.data_quality.input_lags import COMMAND_MEASUREMENT_PAIRS, INPUT_QUANTITIES
 from hdagen.data_quality.log_profile import LogProfile
 from hdagen.log.channel_statistics import ChannelStatistics
 from hdagen.log.measured_log import Log
 from hdagen.support.row_runs import find_true_runs
-
-_USUAL_ROWS_SHARE = 0.99  # share of the rows whose largest current is the usual largest one
-_MOST_STATED_RATIO, _MOST_USUAL_RATIO = (
-    2.0,
-    5.0,
-)  # times the largest stated current, and the usual largest one: no drive gives more
-_LEAST_LEAP_RATIO = 5.0  # times the fastest usual move of a row: no drive moves so fast
-_LEAST_LEAP_NOISE = 20.0  # times the noise, that a leap must reach, too
-_NEIGHBOUR_ROWS = 2  # rows on each side of one, whose median move is the usual one
-_MOST_GLITCH_ROWS = 3  # rows within which a leap must come back to count as a glitch
-_WRAP_TOLERANCE = 0.03  # tolerance of a leap to the period of an encoder, relative
-_LEAST_MOVE_STEPS = (
-    10.0  # times the noise or step, that a joint must move a row so that it cannot stand still in the next
-)
-_LEAST_OTHER_MOVE = 0.1  # share of its range that the other encoder moves while one stands still
-_LEAST_HELD_SECONDS = 0.05  # s at one value, from which a measured current whose command moves has frozen
-_LEAST_COMMAND_CHANGE = (
-    0.05,
-    4.0,
-)  # least move of the command meanwhile: share of its range, and times the measurement's noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +98,12 @@ class PositionTrack:
         """
         moves = np.diff(values, prepend=values[0])
         around = np.lib.stride_tricks.sliding_window_view(
-            np.pad(moves, _NEIGHBOUR_ROWS, mode="edge"), 2 * _NEIGHBOUR_ROWS + 1
+            np.pad(moves, CHANNEL_CHECK.neighbour_rows, mode="edge"), 2 * CHANNEL_CHECK.neighbour_rows + 1
         )
         usual = np.median(around, axis=1)
-        most = max(_LEAST_LEAP_RATIO * float(np.abs(usual).max()), _LEAST_LEAP_NOISE * channel.noise)
+        most = max(
+            CHANNEL_CHECK.least_leap_ratio * float(np.abs(usual).max()), CHANNEL_CHECK.least_leap_noise * channel.noise
+        )
         far = np.abs(moves - usual) > min(most, (channel.high - channel.low) / 2)
         return cls(channel, values, np.flatnonzero(far & ~after_gap), moves - usual, np.cumsum(usual))
 
@@ -136,14 +119,17 @@ def find_wrap_period(leap: float) -> float | None:
 
     """
     periods = (2 * math.pi, 360.0, 1.0, *(2.0**k for k in range(8, 33)))
-    return next((period for period in periods if abs(leap / period - 1) < _WRAP_TOLERANCE), None)
+    return next((period for period in periods if abs(leap / period - 1) < CHANNEL_CHECK.wrap_tolerance), None)
 
 
 def _find_glitches(log: Log, joint: int, place: PositionTrack) -> Outlier | None:
     """Rows from a leap to the one back."""
     wrong, off = np.zeros(len(log), bool), place.deviation
     for row, after in pairwise(place.leap_rows):
-        back = after - row <= _MOST_GLITCH_ROWS and abs(off[row] + off[after]) < abs(off[row]) / _LEAST_LEAP_RATIO
+        back = (
+            after - row <= CHANNEL_CHECK.most_glitch_rows
+            and abs(off[row] + off[after]) < abs(off[row]) / CHANNEL_CHECK.least_leap_ratio
+        )
         if back and not find_wrap_period(abs(off[row])):
             wrong[row:after] = True
     if not wrong.any():
@@ -159,16 +145,22 @@ def _find_repeated_readings(place: PositionTrack, other: PositionTrack | None) -
     """Rows (T,) that repeat the row before: between rows that move the same way, until the reading leaps to where the
     joint has got to meanwhile, or while its ``other`` encoder goes far."""
     values, channel = place.values, place.channel
-    moves, least = np.diff(values), _LEAST_MOVE_STEPS * max(channel.noise, channel.step)
+    moves, least = np.diff(values), CHANNEL_CHECK.least_move_steps * max(channel.noise, channel.step)
     inner = (values[1:] > channel.low) & (values[1:] < channel.high)  # at an end a sensor's range may have ended
     catching_up = {int(row) for row in place.leap_rows if not find_wrap_period(abs(place.deviation[row]))}
     far = np.inf
     if other is not None:
-        far = _LEAST_OTHER_MOVE * float(np.ptp(other.path))
+        far = CHANNEL_CHECK.least_other_move * float(np.ptp(other.path))
     stale = np.zeros(len(values), bool)
     for start, stop in find_true_runs((moves == 0.0) & inner):  # rows start + 1 to stop; stop + 1 catches up
-        before, after = moves[max(start - _NEIGHBOUR_ROWS, 0) : start], moves[stop + 1 : stop + 1 + _NEIGHBOUR_ROWS]
-        fast = len(before) == len(after) == _NEIGHBOUR_ROWS and min(np.abs(before).min(), np.abs(after).min()) > least
+        before, after = (
+            moves[max(start - CHANNEL_CHECK.neighbour_rows, 0) : start],
+            moves[stop + 1 : stop + 1 + CHANNEL_CHECK.neighbour_rows],
+        )
+        fast = (
+            len(before) == len(after) == CHANNEL_CHECK.neighbour_rows
+            and min(np.abs(before).min(), np.abs(after).min()) > least
+        )
         on = fast and len(set(np.sign([*before, *after]))) == 1
         gone = other is not None and np.ptp(other.path[start : stop + 1]) > far
         if on or gone or stop + 1 in catching_up:
@@ -181,13 +173,13 @@ def _find_held_rows(profile: LogProfile, command: str, name: str) -> np.ndarray:
     log = profile.log
     values, asked, rows = log[name], log[command], np.zeros(len(log), bool)
     least = max(
-        _LEAST_COMMAND_CHANGE[0] * float(np.ptp(asked)),
-        _LEAST_COMMAND_CHANGE[1] * profile.measure_channel(name).noise,
+        CHANNEL_CHECK.least_command_change[0] * float(np.ptp(asked)),
+        CHANNEL_CHECK.least_command_change[1] * profile.measure_channel(name).noise,
     )
     inner = (values > values.min()) & (values < values.max())
     repeats = np.append(False, np.diff(values) == 0.0) & inner
     for start, stop in find_true_runs(repeats):
-        if log.time[stop - 1] - log.time[start] >= _LEAST_HELD_SECONDS and np.ptp(asked[start:stop]) > least:
+        if log.time[stop - 1] - log.time[start] >= CHANNEL_CHECK.least_held_time and np.ptp(asked[start:stop]) > least:
             rows[start:stop] = True
     return rows
 
@@ -205,16 +197,16 @@ def _find_spikes(log: Log, name: str, joint: int, stated: float | None) -> Outli
 
     They are errors of the logger or the bus. In mA, by contrast, nearly all rows are large.
     """
-    size, drive = np.abs(log[name]), UNSTATED_CURRENT
+    size, drive = np.abs(log[name]), CHANNEL_CHECK.most_unstated_current
     if stated:
-        drive = _MOST_STATED_RATIO * stated
-    most = float(np.quantile(size, _USUAL_ROWS_SHARE))
-    rows = size > max(drive, _MOST_USUAL_RATIO * most)
+        drive = CHANNEL_CHECK.most_stated_ratio * stated
+    most = float(np.quantile(size, CHANNEL_CHECK.usual_rows_share))
+    rows = size > max(drive, CHANNEL_CHECK.most_usual_ratio * most)
     if not rows.any():
         return None
     sentence = (
         f"{name} reaches {size[rows].max():.4g} A {_describe_rows(log, rows)}, and stays within {most:.3g} A in "
-        f"{100 * _USUAL_ROWS_SHARE:g} % of the rows; {state_max_current(stated)}"
+        f"{100 * CHANNEL_CHECK.usual_rows_share:g} % of the rows; {state_max_current(stated)}"
     )
     return Outlier("spike", joint, rows, sentence)
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity, format_repair
 from hdagen.data_quality.log_profile import LogProfile
 from hdagen.data_quality.outliers import PositionTrack, find_wrap_period
@@ -21,12 +22,8 @@ from hdagen.data_quality.relations import (
 from hdagen.log.channel_statistics import fit_slope_and_correlation
 from hdagen.log.column_map import split_column_name
 
-_LOST_ROW_RATIOS = 1.7, 3.3  # times the usual move of a row where one or two rows before it were lost
-_LEAST_LOST_SHARE = 0.003  # least share of the moving rows, from which rows were lost
-_FOLLOWING_CORRELATION = 0.95  # correlation from which a position follows a reference
 SPOILT_ENCODERS = ("wrapped", "jump", "swapped")  # findings after which a joint's encoders say nothing of each other
 SPOILT_MOTION = (*SPOILT_ENCODERS, "degrees", "reversed", "joint_scale", "units")  # nor of small differences
-_LARGEST_SPAN = 25.0  # rad; a joint that spans more turns like a wheel, or is logged in degrees
 
 
 def find_jumps(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
@@ -75,7 +72,8 @@ def find_jumps(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> lis
 def find_lost_rows(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
     """Find rows that were lost before they were numbered.
 
-    All moving positions go two or three times as far there as in the rows around, while time runs on evenly.
+    All moving positions go two or three times as far there as in the rows around, and farther than in either
+    neighbour, while time runs on evenly.
 
     Args:
         profile: of the log.
@@ -96,19 +94,22 @@ def find_lost_rows(profile: LogProfile, robot: RobotFacts, model: Arm | None) ->
         moves = np.diff(log[name])
         usual = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(moves, 3, mode="edge"), 7), axis=1)
         fast = (np.abs(usual) > 10 * channel.noise) & whole
-        ratios.append(np.where(fast, moves / np.where(fast, usual, 1.0), np.nan))
+        beside = np.pad(np.abs(moves), 1, mode="edge")
+        smooth = np.abs(moves) < CHANNEL_CHECK.lost_row_ratios[0] * np.maximum(beside[:-2], beside[2:])
+        ratio = np.where(fast, moves / np.where(fast, usual, 1.0), np.nan)
+        ratios.append(np.where(smooth & fast, 1.0, ratio))
     if not ratios:
         return []
     seen = np.isfinite(ratios).any(axis=0)
     low, high = (
         f(np.where(np.isfinite(ratios), ratios, default), axis=0) for f, default in ((np.min, 9.0), (np.max, -9.0))
     )
-    double = seen & (low > _LOST_ROW_RATIOS[0]) & (high < _LOST_ROW_RATIOS[1])
+    double = seen & (low > CHANNEL_CHECK.lost_row_ratios[0]) & (high < CHANNEL_CHECK.lost_row_ratios[1])
     opposite = (
-        seen & (low > -_LOST_ROW_RATIOS[1] + 2) & (high < 2 - _LOST_ROW_RATIOS[0])
+        seen & (low > -CHANNEL_CHECK.lost_row_ratios[1] + 2) & (high < 2 - CHANNEL_CHECK.lost_row_ratios[0])
     )  # as far off to the other side: shaky
     lost, shaky = np.count_nonzero(double), np.count_nonzero(opposite)
-    if lost < 5 or lost < _LEAST_LOST_SHARE * np.count_nonzero(seen) or lost < 5 * shaky:
+    if lost < 5 or lost < CHANNEL_CHECK.least_lost_share * np.count_nonzero(seen) or lost < 5 * shaky:
         return []
     share, row = 100 * lost / np.count_nonzero(seen), int(np.flatnonzero(double)[0])
     sentence = (
@@ -153,7 +154,7 @@ def check_spans(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> li
                     f"{limits[1]:.4g}): check the zero (offset under [{name}] in columns.toml) or the robot file."
                 )
                 findings.append(Finding(Severity.WARN, "limits", joint, sentence))
-        elif span > _LARGEST_SPAN:
+        elif span > CHANNEL_CHECK.largest_span:
             sentence = (
                 f"{name} spans {span:.4g} rad, {span / (2 * math.pi):.3g} turns: degrees? Then {repair}; if it really "
                 "turns, state limits.position in the robot file."
@@ -302,7 +303,7 @@ def _check_reference_of(profile: LogProfile, joint: int) -> list[Finding]:
     findings = compare_signals(log[position], log[reference], reference, position, "", joint)
     if (
         any(finding.name == "unrelated" for finding in findings)
-        and max(others.values(), default=0.0) > _FOLLOWING_CORRELATION
+        and max(others.values(), default=0.0) > CHANNEL_CHECK.following_correlation
     ):
         other = max(others, key=lambda name: others[name])
         sentence = (

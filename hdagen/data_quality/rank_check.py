@@ -8,8 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from hdagen.arm.arrays import Array
-
-LEAST_ROWS_PER_TERM = 5  # rows for each term of a fit at least
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 
 
 def is_determined(terms: Array) -> bool:
@@ -22,7 +21,7 @@ def is_determined(terms: Array) -> bool:
         Whether there are at least five rows for each column.
 
     """
-    return len(terms) >= LEAST_ROWS_PER_TERM * terms.shape[1]
+    return len(terms) >= CHANNEL_CHECK.least_rows_per_term * terms.shape[1]
 
 
 def find_resolved_orders(angle: Array, orders: Iterable[int]) -> list[int]:
@@ -41,5 +40,5 @@ def find_resolved_orders(angle: Array, orders: Iterable[int]) -> list[int]:
         return []
     within = np.sort(np.mod(angle, math.tau))
     widest = float(np.diff(within, append=within[0] + math.tau).max())
-    finest = min(np.pi / widest, (len(angle) / LEAST_ROWS_PER_TERM - 1) / 2)
+    finest = min(np.pi / widest, (len(angle) / CHANNEL_CHECK.least_rows_per_term - 1) / 2)
     return [k for k in orders if k <= finest]

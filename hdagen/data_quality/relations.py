@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 from hdagen.data_quality.finding import Finding, Severity, format_repair
 from hdagen.log.channel_statistics import ChannelStatistics, fit_slope_and_correlation
 
 DEGREES_PER_RADIAN = 180 / math.pi
-_RELATED_CORRELATION = 0.7  # of a velocity with a derivative, from which it can be its own
-_CLOSE_CORRELATION = 0.9  # of the same, from which its slope is accurate
 _UNIT_FACTORS = 10.0, 100.0, 1000.0, 60.0, 2 * math.pi, 30 / math.pi  # between units of one quantity
-_UNIT_FACTOR_TOLERANCE = 1.02  # ratio to such a factor, within which a slope counts as it
 
 Explanation = tuple[float, str, str, dict[str, dict[str, Any]]]  # slope, name of the finding, mistake, repair
 
@@ -85,15 +83,17 @@ def check_derivative(
     """
     slope, correlation = related
     most = 2.0
-    if correlation > _CLOSE_CORRELATION:
+    if correlation > CHANNEL_CHECK.close_correlation:
         most = 1.25
-    if correlation >= _RELATED_CORRELATION and 1 / most < slope < most:
+    if correlation >= CHANNEL_CHECK.related_correlation and 1 / most < slope < most:
         return []
     factors = (f for one in (*_UNIT_FACTORS, ratio) for f in (one, 1 / one))
-    near = (f for f in factors if 1 / _UNIT_FACTOR_TOLERANCE < slope / f < _UNIT_FACTOR_TOLERANCE)
+    near = (
+        f for f in factors if 1 / CHANNEL_CHECK.unit_factor_tolerance < slope / f < CHANNEL_CHECK.unit_factor_tolerance
+    )
     factor = next(near, None)
     repair: dict[str, Any] = {"ignore": [velocity]}
-    if factor is not None and correlation > _CLOSE_CORRELATION:
+    if factor is not None and correlation > CHANNEL_CHECK.close_correlation:
         repair = {velocity: {"scale": float(f"{1 / factor:.9g}")}}
     sentence = (
         f"{velocity} contradicts {position}: it is {slope:.3g} times its derivative (correlation {correlation:.2f}); "

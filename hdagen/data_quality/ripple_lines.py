@@ -11,26 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from hdagen.arm.compiled_arm import Arm
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity
 from hdagen.data_quality.log_profile import LogProfile
 from hdagen.data_quality.positions import SPOILT_MOTION
-from hdagen.data_quality.rank_check import LEAST_ROWS_PER_TERM
+from hdagen.data_quality.ripple_line_settings import RIPPLE_LINE
 from hdagen.log.measured_log import Log
 from hdagen.support.row_runs import find_true_runs
-
-_MOST_CYCLES = 40  # cycles a turn, largest that is searched
-_PARABOLA_SECONDS = 0.02  # s of the parabolas that take the encoder's steps out of θ
-_MOVING_SPEED_SHARE = 0.5  # of the rms speed, above which a stretch counts
-_LEAST_TURNS = 16.0  # least turns of a stretch: a window of fewer does not resolve two lines
-_NEIGHBOUR_OFFSETS = np.array([0.3, 0.34, 0.38, 0.42, 0.46])  # cycles a turn beside a line, where the background is
-_LEAST_PEAK_RATIO = (
-    5.0  # times the median beside it, above which an amplitude is a line: of 400 logs of noise 8 have one
-)
-_MOST_CYCLES_PER_ROW = 0.4  # largest cycles a row
-_TREND_DEGREE = 3  # degree of the polynomial that is taken off a stretch
-_MOST_NAMED_LINES = 5  # lines at most
-_MOST_GAP_PERIODS = 3.5  # longest pause without a row, in periods, within a stretch
-_STEADY_SPEED_SPREAD = 0.1  # spread of the speed, relative, below which a line of time looks the same
 
 
 def find_ripple_lines(profile: LogProfile, robot: RobotFacts, model: Arm | None) -> list[Finding]:
@@ -59,12 +46,12 @@ def find_ripple_lines(profile: LogProfile, robot: RobotFacts, model: Arm | None)
         unit = "N m"
         if "current" in name:
             unit = "A"
-        strongest = sorted(found, key=lambda k: -found[k])[:_MOST_NAMED_LINES]
+        strongest = sorted(found, key=lambda k: -found[k])[: RIPPLE_LINE.most_named_lines]
         listed = ", ".join(f"{k} ({found[k]:.3g} {unit})" for k in sorted(strongest))
         speed = np.abs(np.gradient(angle, log.time))
-        steady = speed[speed > _MOVING_SPEED_SHARE * np.sqrt(np.mean(speed**2))]
+        steady = speed[speed > RIPPLE_LINE.moving_speed_share * np.sqrt(np.mean(speed**2))]
         same = ""
-        if np.std(steady) < _STEADY_SPEED_SPREAD * np.mean(steady):
+        if np.std(steady) < RIPPLE_LINE.steady_speed_spread * np.mean(steady):
             same = " At this one speed a line of time looks the same; record a second one."
         sentence = (
             f"{name} has lines at {listed} cycles a turn of the motor: cogging, ripple, or an error of the encoder, as "
@@ -78,7 +65,7 @@ def _read_motor_angle(profile: LogProfile, robot: RobotFacts, joint: int) -> np.
     """θ (T,), smoothed; None where no position moves, or the joint slides."""
     log, channels = profile.log, profile.channels
     for name, ratio in ((f"motor_position_{joint}", 1.0), (f"joint_position_{joint}", robot.ratios[joint - 1])):
-        reach = max(round(0.5 * _PARABOLA_SECONDS / profile.period), 1)
+        reach = max(round(0.5 * RIPPLE_LINE.parabola_time / profile.period), 1)
         if name in channels and channels[name].is_moving and not robot.prismatic[joint - 1] and len(log) > 2 * reach:
             return ratio * _fit_parabolas(log[name], reach)
     return None
@@ -100,23 +87,25 @@ def _measure_lines(log: Log, values: np.ndarray, angle: np.ndarray) -> dict[int,
     """Amplitude of each line, by its cycles a turn."""
     speed = np.gradient(angle, log.time)
     steps = np.abs(np.gradient(angle))
-    fast = np.abs(speed) > _MOVING_SPEED_SHARE * np.sqrt(np.mean(speed**2))
-    even = np.append(np.diff(log.time) < _MOST_GAP_PERIODS * log.period, True)
+    fast = np.abs(speed) > RIPPLE_LINE.moving_speed_share * np.sqrt(np.mean(speed**2))
+    even = np.append(np.diff(log.time) < RIPPLE_LINE.most_gap_periods * log.period, True)
     weight, left = np.zeros(len(values)), np.zeros(len(values))
     for first, end in find_true_runs(fast & even):
         part = slice(first, end)
-        if abs(angle[end - 1] - angle[first]) < _LEAST_TURNS * 2 * np.pi or end - first < LEAST_ROWS_PER_TERM * (
-            _TREND_DEGREE + 1
-        ):
+        turns = abs(angle[end - 1] - angle[first]) / (2 * np.pi)
+        fewest = CHANNEL_CHECK.least_rows_per_term * (RIPPLE_LINE.trend_degree + 1)
+        if turns < RIPPLE_LINE.least_turns or end - first < fewest:
             continue
         along = (angle[part] - angle[first]) / (angle[end - 1] - angle[first])
         weight[part] = steps[part] * np.sin(np.pi * np.clip(along, 0.0, 1.0)) ** 2
-        trend = np.polynomial.Polynomial.fit(along, values[part], _TREND_DEGREE)
+        trend = np.polynomial.Polynomial.fit(along, values[part], RIPPLE_LINE.trend_degree)
         left[part] = values[part] - trend(along)
     rows = weight > 0
     if not rows.any():
         return {}
-    most = min(_MOST_CYCLES, int(_MOST_CYCLES_PER_ROW * 2 * np.pi / float(np.quantile(steps[rows], 0.9))))
+    most = min(
+        RIPPLE_LINE.most_cycles, int(RIPPLE_LINE.most_cycles_per_row * 2 * np.pi / float(np.quantile(steps[rows], 0.9)))
+    )
 
     def amplitude(k: float) -> float:
         return float(2 * abs(np.sum((weight * left)[rows] * np.exp(-1j * k * angle[rows]))) / weight[rows].sum())
@@ -124,7 +113,7 @@ def _measure_lines(log: Log, values: np.ndarray, angle: np.ndarray) -> dict[int,
     found = {}
     for k in range(1, most + 1):
         size = amplitude(k)
-        beside = np.median([amplitude(k + side * d) for d in _NEIGHBOUR_OFFSETS for side in (-1, 1)])
-        if size > _LEAST_PEAK_RATIO * beside:
+        beside = np.median([amplitude(k + side * d) for d in RIPPLE_LINE.neighbour_offsets for side in (-1, 1)])
+        if size > RIPPLE_LINE.least_peak_ratio * beside:
             found[k] = size
     return found

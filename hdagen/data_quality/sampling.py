@@ -8,12 +8,9 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity
 from hdagen.data_quality.input_lags import COMMAND_MEASUREMENT_PAIRS, INPUT_QUANTITIES
 from hdagen.data_quality.log_profile import LogProfile
+from hdagen.data_quality.log_repair_settings import LOG_REPAIR
 from hdagen.log.column_map import split_column_name
 
-_DROPPED_SHARE_LIMITS = 0.005, 0.2  # share of missing rows above which a log is warned of, and is refused
-_WARNED_GAP_TIME = 0.25  # s, the length of a window of the replay
-_SHORT_LOG_TIME = 1.0  # s, below which a log is warned of
-_SLOW_SAMPLE_RATE = 200.0  # Hz; joint resonances lie at 15 to 140 Hz
 _MISSING_CHANNEL_COSTS = (  # the cost of a channel that a joint does not have
     ("motor_position", "in a flexible joint, torsion, backlash and kinematic error cannot be told apart"),
     ("joint_position", "what bends or errs behind the motor is seen only through the motor"),
@@ -43,18 +40,18 @@ def check_sampling(profile: LogProfile, robot: RobotFacts, model: Arm | None) ->
             f"{lost} row(s) are missing in {len(rows)} gap(s), {100 * share:.2g} % of the log, the longest of "
             f"{steps[k]:.3g} s after row {k + 1} ({log.time[k]:.6g} s)"
         )
-        if share > _DROPPED_SHARE_LIMITS[1]:
+        if share > LOG_REPAIR.dropped_share_limits[1]:
             sentence = f"{says}: too many; record with a logger that keeps up, or at a lower rate."
             findings.append(Finding(Severity.REFUSE, "dropped", 0, sentence))
-        elif steps[k] > _WARNED_GAP_TIME:
+        elif steps[k] > LOG_REPAIR.warned_gap_time:
             sentence = f"{says}: nothing is known in between; cut the log there if it matters."
             findings.append(Finding(Severity.WARN, "dropped", 0, sentence))
-        elif share > _DROPPED_SHARE_LIMITS[0]:
+        elif share > LOG_REPAIR.dropped_share_limits[0]:
             findings.append(Finding(Severity.WARN, "dropped", 0, f"{says}: commands are held across them."))
-    if duration < _SHORT_LOG_TIME:
+    if duration < LOG_REPAIR.short_log_time:
         sentence = f"the log lasts {duration:.3g} s; a diagnosis needs several seconds of motion: record longer."
         findings.append(Finding(Severity.WARN, "short", 0, sentence))
-    if 1 / profile.period < _SLOW_SAMPLE_RATE:
+    if 1 / profile.period < LOG_REPAIR.slow_sample_rate:
         rate = f"{1 / profile.period:.4g} Hz"
         sentence = f"{rate} is slow for joints that ring at 15 to 140 Hz: record at 500 Hz or more if possible."
         findings.append(Finding(Severity.NOTE, "slow", 0, sentence))

@@ -13,14 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hdagen.data_quality.log_repair_settings import LOG_REPAIR
 from hdagen.log.column_map import split_column_name
 from hdagen.log.measured_log import Log
 
 POSITION_CHANNELS = ("motor_position", "joint_position")
-# Share of a position's noise; two recordings differ by more in most rows, even by whole counts
-_EXACT_NOISE_SHARE = 0.25
-_STRETCH_ROWS, _LEAST_ALIKE_SHARE = 100, 0.9  # rows in motion of a stretch, and the share of them that must be found
-_MOST_COMPARED_STRETCHES = 64  # stretches of a log that are looked for in another
 
 Mask = NDArray[np.bool_]
 Span = tuple[float, float]  # s
@@ -116,17 +113,17 @@ class _LogPair:
     def from_logs(cls, log: Log, other: Log, names: Sequence[str], noise: Mapping[str, float]) -> _LogPair:
         ours = np.stack([log[name] for name in names])
         theirs = np.stack([other[name] for name in names])
-        near = _EXACT_NOISE_SHARE * np.array([[noise.get(name, 0.0)] for name in names]) + 1e-9 * np.abs(ours).max(
-            1, keepdims=True
-        )
+        spread = np.array([[noise.get(name, 0.0)] for name in names])
+        near = LOG_REPAIR.exact_noise_share * spread + 1e-9 * np.abs(ours).max(1, keepdims=True)
         return cls(log, other, ours, theirs, near, (log.time[1:] + log.time[:-1]) / 2)
 
     def list_stretches(self) -> Iterator[np.ndarray]:
         """Stretches of rows in motion, all over the other log."""
         changes = np.any(np.diff(self.theirs) != 0, axis=0)
         moving = np.flatnonzero(np.append(changes, False) | np.append(False, changes))
-        at = np.linspace(0, max(len(moving) - _STRETCH_ROWS, 0), _MOST_COMPARED_STRETCHES).astype(int)
-        return (moving[k : k + _STRETCH_ROWS] for k in np.unique(at) if moving.size)
+        last = max(len(moving) - LOG_REPAIR.stretch_rows, 0)
+        at = np.linspace(0, last, LOG_REPAIR.most_compared_stretches).astype(int)
+        return (moving[k : k + LOG_REPAIR.stretch_rows] for k in np.unique(at) if moving.size)
 
     def find_matches(self, rows: np.ndarray) -> np.ndarray:
         """The rows of the log at which the motion of the other log's ``rows`` begins."""
@@ -135,7 +132,9 @@ class _LogPair:
             off = mine[found] - sought
             found = found[np.abs(off - math.tau * np.rint(off / math.tau)) <= within]
         for part in (rows[1::10], rows[1:]):  # the few first: they leave hardly any place
-            found = found[np.mean(self.compare_rows(found[:, None], int(first), part), axis=1) > _LEAST_ALIKE_SHARE]
+            found = found[
+                np.mean(self.compare_rows(found[:, None], int(first), part), axis=1) > LOG_REPAIR.least_alike_share
+            ]
         return found
 
     def compare_rows(self, at: np.ndarray, first: int, rows: np.ndarray) -> Mask:
@@ -155,9 +154,9 @@ class _LogPair:
         begin, end = np.searchsorted(self.other.time + late, self.log.time[[0, -1]])
         rows = np.arange(begin, min(end + 1, len(self.other)))
         same = np.append(0, np.cumsum(self.compare_rows(np.array([[at]]), first, rows)[0]))
-        length = min(_STRETCH_ROWS, len(rows))
+        length = min(LOG_REPAIR.stretch_rows, len(rows))
         share = (same[length:] - same[:-length]) / length  # of the rows from each one on
-        good, k = share > _LEAST_ALIKE_SHARE, min(first - begin, len(share) - 1)
+        good, k = share > LOG_REPAIR.least_alike_share, min(first - begin, len(share) - 1)
         before, after = (int(np.argmin(np.append(side, False))) for side in (good[k::-1], good[k:]))
         low, high = (
             float(self.other.time[rows[min(max(row, 0), len(rows) - 1)]])

@@ -1,4 +1,4 @@
-"""The page of `hdagen demo`: simulations and replays as pictures with their numbers."""
+"""The page of `hdagen demo`: a diagnosis, then a compliant arm, as pictures with their numbers."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from hdagen.demo.demo_runs import (
     CircleRun,
     DemoResult,
 )
-from hdagen.demo.shipped_logs import ReplayedLog
+from hdagen.demo.leg_section import build_leg_sections, describe_leg
 from hdagen.pages import animation, figure, page
 from hdagen.pages.number_table import TableCell
-from hdagen.prediction.window_replay import REPLAY_WINDOW
 from hdagen.support.version import __version__
 
 LAW_NAMES = {"impedance_cartesian": "impedance", "admittance_cartesian": "admittance"}
 LAW_COLORS = {"impedance_cartesian": "blue", "admittance_cartesian": "vermilion"}
+OWN_ROBOT = "hdagen diagnose my_robot.toml my_log.csv"  # the last line of the demo
 CIRCLE_LINK = "circle"  # the figures that share the time of the circle
 AXIS_NAMES = ("x", "y")
 NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
@@ -46,54 +46,38 @@ def write_demo_page(path: Path, demo: DemoResult) -> None:
 
     """
     sections = [
+        *build_leg_sections(demo.leg),
         _build_motion_section(demo),
         _build_displacement_section(demo),
         _build_forces_section(demo),
         _build_torque_section(demo),
-        *map(_build_replay_section, demo.replays),
     ]
-    page.write_page(
-        path, "A dual-joint harmonic-drive arm, compiled", format_demo_verdict(demo), sections, _format_commands(demo)
-    )
+    title = "A model that is wrong, found and mended; and an arm that gives way"
+    page.write_page(path, title, format_demo_verdict(demo), sections, _format_commands(demo))
 
 
 def format_demo_verdict(demo: DemoResult) -> str:
-    """Sum the demo up in one sentence, with its numbers.
+    """Sum the demo up in a few sentences, with its numbers.
 
     Args:
         demo: All results.
 
     Returns:
-        The sentence.
+        The sentences.
 
     """
     drive = demo.arm.robot["joints"][0]["drive"]
     friction = drive["ratio"]["nominal"] * drive["coulomb_friction"]["nominal"]
     shares = " and ".join(f"{100 * f.gap_share:.1f}{NO_BREAK_SPACE}% ({LAW_NAMES[f.law]})" for f in demo.circle_runs)
     failed = ""
-    if not demo.meets_bar:
+    if not all(followed.meets_bar for followed in demo.circle_runs):
         failed = f", which misses the bar of {100 * LARGEST_GAP_SHARE:g}{NO_BREAK_SPACE}%"
-    text = (
-        f"Pushed with {np.hypot(*DEMO_PUSHES[0].force):g}{NO_BREAK_SPACE}N, the tip moves as the mass, damper and"
-        f" spring that it is told to be, to within {shares} of their largest displacement,"
-        f" {1e3 * demo.circle_runs[0].largest_ideal:.1f}{NO_BREAK_SPACE}mm, against"
-        f" {friction:.2g}{NO_BREAK_SPACE}N{NO_BREAK_SPACE}m of dry friction in each joint{failed}; in windows of"
-        f" {REPLAY_WINDOW:g}{NO_BREAK_SPACE}s"
-    )
-    return f"{text} the model replays {' and '.join(_describe_replay(one) for one in demo.replays)}."
-
-
-def _describe_replay(replayed: ReplayedLog) -> str:
-    errors = " and ".join(f"{1e3 * channel.rms_residual:#.2g}" for channel in replayed.joints)
     return (
-        f"a log {_describe_origin(replayed)} to {errors}{NO_BREAK_SPACE}m{replayed.joints[0].unit}{NO_BREAK_SPACE}rms"
+        f"{describe_leg(demo.leg)} Then an arm: pushed with {np.hypot(*DEMO_PUSHES[0].force):g}{NO_BREAK_SPACE}N, its"
+        f" tip moves as the mass, damper and spring that it is told to be, to within {shares} of their largest"
+        f" displacement, {1e3 * demo.circle_runs[0].largest_ideal:.1f}{NO_BREAK_SPACE}mm, against"
+        f" {friction:.2g}{NO_BREAK_SPACE}N{NO_BREAK_SPACE}m of dry friction in each joint{failed}."
     )
-
-
-def _describe_origin(replayed: ReplayedLog) -> str:
-    if replayed.is_measured:
-        return f"measured on {replayed.name}"
-    return f"simulated by {replayed.name}"
 
 
 def _build_motion_section(demo: DemoResult) -> page.Section:
@@ -277,67 +261,20 @@ def _build_torque_section(demo: DemoResult) -> page.Section:
     return page.Section("Torque without a torque sensor", text, [drawn, table])
 
 
-def _build_replay_section(replayed: ReplayedLog) -> page.Section:
-    above, below = [], []
-    origin = replayed.name
-    if replayed.is_measured:
-        origin = "measured"
-    for channel in replayed.joints:
-        curves = [
-            figure.Series(origin, channel.measured, "ink", "solid", width=1.2),
-            figure.Series("replayed", channel.predicted, "vermilion", "dashed"),
-        ]
-        above.append(figure.Panel(f"position ({channel.unit})", curves, heading=channel.name))
-        residual = [figure.Series("", channel.residual, "vermilion", "solid", width=1.1)]
-        below.append(figure.Panel(f"replayed − {origin} ({channel.unit})", residual, height=0.8))
-    panels = [*above, *below]
-    drawn = figure.draw_panels(
-        "Replay", replayed.log.time, panels, columns=len(above), share_y=True, link=replayed.name
-    )
-    rows: list[list[TableCell]] = [
-        [
-            c.name,
-            c.unit,
-            c.rms_residual,
-            float(np.abs(c.residual).max()),
-            c.motion_rms,
-            100 * c.rms_residual / c.motion_rms,
-        ]
-        for c in replayed.joints
-    ]
-    columns = ("", "unit", "rms residual", "largest", "rms motion", "residual / motion (%)")
-    caption = f"Motion is the way since the start of each window of {REPLAY_WINDOW:g} s."
-    table = figure.draw_table("Residuals", columns, rows, digits=3, caption=caption)
-    return page.Section(f"Replay of a log {_describe_origin(replayed)}", _explain_replay(replayed), [drawn, table])
-
-
-def _explain_replay(replayed: ReplayedLog) -> str:
-    if replayed.is_measured:
-        text = (
-            "EMPS is a real machine: a motor, a ball screw and a carriage, whose position is controlled. The robot "
-            "file holds the parameters that its authors published. "
-        )
-    else:
-        text = (
-            "This log is simulated, not measured: MuJoCo moves the same arm under PD control, with a push, encoder "
-            "counts and noise. It differs as simulators do: its springs are linear where the model's stiffen, and its "
-            "dry friction creeps through each reversal where the model's sticks, which makes most of the residual. "
-        )
-    how = (
-        f"Each window of {REPLAY_WINDOW:g}{NO_BREAK_SPACE}s starts at the state that the rows before it give, and is"
-        " simulated from the logged commands and forces alone; nothing measured inside it counts."
-    )
-    return "\n\n".join([text + how, *replayed.notes])
-
-
 def _format_commands(demo: DemoResult) -> str:
-    arms = [demo.arm, *(one.arm for one in demo.replays if one.arm is not demo.arm)]
+    arms = [demo.leg.arm, demo.arm]
     return "\n\n".join(
         [
             f"hdagen {__version__} made this page; every number on it is computed when it is made.",
             f"    hdagen demo --profile {demo.arm.manifest['profile']}",
             "It ran these builds, named by the hash of what they were made of:",
             "\n".join(f"    {arm.folder.name}" for arm in arms),
-            "The same builds and logs give the same page, to the byte.",
+            "The same builds give the same page, to the byte. The diagnosis alone, in a checkout of hdagen:",
+            "    hdagen diagnose hdagen/data/leg.toml hdagen/data/leg_log.parquet --out diagnosis\n"
+            "    hdagen adopt diagnosis/diagnosis.json hdagen/data/leg.toml --out leg.new.toml\n"
+            "    hdagen export mjcf hdagen/data/leg.toml --with diagnosis/diagnosis.json"
+            " --prove hdagen/data/leg_log.parquet --out leg.xml",
+            "And your own robot, described as docs/guides/bring_your_robot.md says:",
+            f"    {OWN_ROBOT}",
         ]
     )

@@ -1,4 +1,4 @@
-"""The numbers of `hdagen demo`: the arm on a circle and pushed, under two laws; its torque estimate; replays.
+"""The numbers of `hdagen demo`: a diagnosis; the arm on a circle and pushed, under two laws; its torque estimate.
 
 The arm of preset `paper`, dry friction set-valued, encoders and noise as its robot file says. The bar: pushed, the tip
 moves as the ideal mass, damper and spring would, within a tenth of the largest ideal displacement.
@@ -17,7 +17,7 @@ from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.guard_limits import Guard, Safe
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle
-from hdagen.demo.shipped_logs import ReplayedLog, find_data_folder, replay_emps_log, replay_shipped_log
+from hdagen.demo.leg_diagnosis import LegDiagnosis, diagnose_leg, summarize_leg
 from hdagen.simulation.simulator import Push, Simulation, run, simulate_ideal_admittance
 
 ROBOT = "paper"
@@ -167,23 +167,23 @@ def estimate_torques(arm: Arm, followed: CircleRun) -> TorqueEstimates:
 
 @dataclass(frozen=True)
 class DemoResult:
-    """Everything on the page. ``estimated`` is under the first law; ``uncompensated``: that law with friction not
-    observed, which shows what the bar asks and does not count."""
+    """Everything on the page. ``torque_estimates`` are under the first law; ``uncompensated_run`` is that law with
+    friction not observed, which shows what the bar asks and does not count."""
 
+    leg: LegDiagnosis
     arm: Arm
     circle_runs: tuple[CircleRun, ...]
     uncompensated_run: CircleRun
     torque_estimates: TorqueEstimates
-    replays: tuple[ReplayedLog, ...]
 
     @property
     def meets_bar(self) -> bool:
-        """Whether the tip stayed within the bar under every law."""
-        return all(followed.meets_bar for followed in self.circle_runs)
+        """Whether the hidden effect was found and the tip stayed within the bar under every law."""
+        return self.leg.meets_bar and all(followed.meets_bar for followed in self.circle_runs)
 
 
 def run_demo(profile: str = "portable", seed: int = 0, stage: Callable[[str], None] | None = None) -> DemoResult:
-    """Build the arms, simulate, estimate and replay.
+    """Diagnose the leg's log, then build the arm, simulate and estimate.
 
     Args:
         profile: Profile of the builds, "portable" or "native".
@@ -195,10 +195,10 @@ def run_demo(profile: str = "portable", seed: int = 0, stage: Callable[[str], No
 
     Raises:
         PlantError: A build fails.
-        LogError: A log cannot be read.
 
     """
     say = stage or (lambda _: None)
+    leg = diagnose_leg(profile, say)
     say("building the arm")
     arm = load(ROBOT, profile)
     followed = []
@@ -209,14 +209,7 @@ def run_demo(profile: str = "portable", seed: int = 0, stage: Callable[[str], No
     uncompensated = follow_circle(arm, DEMO_LAWS[0], {"observer_bandwidth": 0.0}, seed)
     say("estimating the joint torque")
     estimated = estimate_torques(arm, followed[0])
-    say("replaying the log that ships")
-    replays = [replay_shipped_log(arm)]
-    if folder := find_data_folder():
-        say("building EMPS")
-        axis = load("emps", profile)
-        say("replaying EMPS")
-        replays.append(replay_emps_log(axis, folder))
-    return DemoResult(arm, tuple(followed), uncompensated, estimated, tuple(replays))
+    return DemoResult(leg, arm, tuple(followed), uncompensated, estimated)
 
 
 def summarize_demo(demo: DemoResult) -> dict[str, Any]:
@@ -243,19 +236,9 @@ def summarize_demo(demo: DemoResult) -> dict[str, Any]:
         }
         for one in demo.circle_runs
     }
-    replays = {}
-    for one in demo.replays:
-        replays[one.name] = [
-            {
-                "joint": j,
-                "unit": channel.unit,
-                "rms_residual": channel.rms_residual,
-                "rms_motion_in_window": channel.motion_rms,
-            }
-            for j, channel in enumerate(one.joints, 1)
-        ]
     estimated = demo.torque_estimates
     return {
+        "diagnosis": summarize_leg(demo.leg),
         "bar": LARGEST_GAP_SHARE,
         "holds": demo.meets_bar,
         "followed": followed,
@@ -264,5 +247,4 @@ def summarize_demo(demo: DemoResult) -> dict[str, Any]:
             "series": estimated.rms_error(estimated.series_estimate).tolist(),
             "dynamic": estimated.rms_error(estimated.dynamic_estimate).tolist(),
         },
-        "replays": replays,
     }

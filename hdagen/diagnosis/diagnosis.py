@@ -10,7 +10,7 @@ from typing import Any
 from hdagen.diagnosis.report import report_page
 from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
 from hdagen.diagnosis.report.diagnosis_summary import DiagnosisSummary
-from hdagen.diagnosis.report.repeat_commands import format_commands
+from hdagen.diagnosis.report.repeat_commands import DiagnosedFiles
 from hdagen.support.atomic_write import write_atomically
 
 
@@ -56,6 +56,5 @@ class Diagnosis(DiagnosisSummary):
         out.mkdir(parents=True, exist_ok=True)
         text = json.dumps(self.content, indent=1, allow_nan=False) + "\n"
         write_atomically(out / "diagnosis.json", text.encode())
-        identity = self.content["robot"]["identity"]
-        commands = format_commands(self.robot, self.logs, self.holdout, columns, identity)
-        report_page.write_report(self.result, out / "report.html", commands)
+        files = DiagnosedFiles(self.robot, self.logs, self.holdout, folder, columns)
+        report_page.write_report(self.result, out / "report.html", files)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.adoption.robot_identity import compute_robot_identity
+from hdagen.arm.channel_units import find_channel_unit
 from hdagen.diagnosis.checked_verdict import CheckedVerdict
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.held_out_rows import name_rows
@@ -62,7 +63,7 @@ def describe_diagnosis(
         "where": where,
         "causes": causes,
         "parameters": confirmed.base_parameters,
-        "gap": alternatives.gap,
+        "gap": {**alternatives.gap, "by_channel": _add_units(alternatives.gap["by_channel"], models)},
         "doubts": checked.settled.doubts,
         "direct_evidence": [one.content for one in checked.direct_evidence],
         "small": list(checked.settled.small_effects),
@@ -74,9 +75,15 @@ def describe_diagnosis(
         "moments": explained.moments,
         "control": explained.control,
         "robot": _describe_robot(models),
+        "joints": [joint.get("name") for joint in models.nominal.robot["joints"]],
         "settings": record_settings(),
         "data": _describe_data(data, checked, failures),
     }
+
+
+def _add_units(channels: Mapping[str, Any], models: Models) -> dict[str, Any]:
+    """The errors by channel, each with the unit of its channel."""
+    return {name: {**one, "unit": find_channel_unit(models.nominal, name)} for name, one in channels.items()}
 
 
 def _describe_robot(models: Models) -> dict[str, Any]:

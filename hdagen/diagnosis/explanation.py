@@ -106,8 +106,8 @@ def explain_verdict(
     effects = () if good else tuple(name_remainders(confirmed.effects, remainders))
     moments = _find_moments(checked, data.judged_logs)
     on_stage(Stage.LOCATION)
-    said = replace(statement.stated, names=effects).build_verdict(confirmed.base_parameters)
-    sight = see_residual_torque(confirmed.arm, said, log, motion.before, confirmed.after)
+    stated_verdict = replace(statement.stated, names=effects).build_verdict(confirmed.base_parameters)
+    sight = see_residual_torque(confirmed.arm, stated_verdict, log, motion.before, confirmed.after)
     where = attempts.attempt("where and when", partial(localize_gap, sight, effects, motion.portion.rows), None)
     return Explanation(
         effects=effects,
@@ -118,7 +118,7 @@ def explain_verdict(
         moments=moments,
         residual_torque=sight,
         where=where,
-        control=_compare_control(models.nominal, confirmed.arm, said, log),
+        control=_compare_control(models.nominal, confirmed.arm, stated_verdict, log),
         failures=tuple(attempts.failures),
     )
 
@@ -137,8 +137,8 @@ def rank_alternatives(checked: CheckedVerdict, attempts: Attempts) -> Alternativ
     statement, motion, nothing = checked.settled.statement, checked.motion, list[dict[str, Any]]()
     decision, confirmed = statement.decision, statement.confirmed
     replays = motion.before, confirmed.after, motion.portion, motion.simulate
-    said = replace(statement.stated, names=confirmed.effects).build_verdict(confirmed.base_parameters)
-    rank_nuisances = partial(rank_nuisance_effects, decision.best, said, *replays)
+    stated_verdict = replace(statement.stated, names=confirmed.effects).build_verdict(confirmed.base_parameters)
+    rank_nuisances = partial(rank_nuisance_effects, decision.best, stated_verdict, *replays)
     nuisances = attempts.attempt("the nuisance effects", rank_nuisances, nothing)
     rank = partial(rank_hypotheses, decision, confirmed.effects, *replays)
     ranking = attempts.attempt("the ranking", rank, nothing)

@@ -73,21 +73,24 @@ def search_long_horizon(
     *sets, none = seen.find_effects()
     if not sets:
         return None
-    told = sets[0]
-    near = next(fit for fit in found.fits if fit.sensitivities.shooting.arm is arm)  # another one may have springs
-    model = sizes.limit_base_parameters(told)
+    leading_set = sets[0]
+    # another fit may have springs
+    fit_of_arm = next(fit for fit in found.fits if fit.sensitivities.shooting.arm is arm)
+    model = sizes.limit_base_parameters(leading_set)
     p = sizes.parameters_at(model)
-    start = OperatingPoint(p, near.sensitivities.shooting.measured_initial_states(p))
-    fit = start_fit(near.sensitivities, found.candidates, told.atoms, near.score.posterior.s, start)
-    weights = {found.candidates.names_of(one.atoms): float(np.exp(0.5 * (told.cost - one.cost))) for one in sets}
-    strange = [h for h in decision.hypotheses if h.is_unknown]
+    start = OperatingPoint(p, fit_of_arm.sensitivities.shooting.measured_initial_states(p))
+    fit = start_fit(fit_of_arm.sensitivities, found.candidates, leading_set.atoms, fit_of_arm.score.posterior.s, start)
+    weights = {found.candidates.names_of(one.atoms): float(np.exp(0.5 * (leading_set.cost - one.cost))) for one in sets}
+    unexplained = [h for h in decision.hypotheses if h.is_unknown]
     short = [h for h in decision.hypotheses if not h.is_unknown]
     # what short windows know, long ones do not bear out
-    share = float(np.exp(0.5 * (told.cost - none.cost))) / sum(h.probability for h in short)
+    share = float(np.exp(0.5 * (leading_set.cost - none.cost))) / sum(h.probability for h in short)
     weights |= {h.names: share * h.probability for h in short if h.names not in weights}
-    whole = (1.0 - sum(h.probability for h in strange)) / sum(weights.values())
+    whole = (1.0 - sum(h.probability for h in unexplained)) / sum(weights.values())
     known = [Hypothesis(names, whole * w, fit if names == fit.names else None) for names, w in weights.items()]
-    return replace(decision, hypotheses=(*known, *strange), best=fit, undetectable=tuple(seen.find_undetectable(model)))
+    return replace(
+        decision, hypotheses=(*known, *unexplained), best=fit, undetectable=tuple(seen.find_undetectable(model))
+    )
 
 
 @dataclass(eq=False)

@@ -52,10 +52,10 @@ class LongWindowErrors:
 
         """
         record = self.shooting.record
-        seen = np.stack(
+        predictions = np.stack(
             self.shooting.predict_all([Rollout(p, self.shooting.measured_initial_states(p)) for p in points])
         )
-        return np.asarray(record.subtract_prediction(seen) / self.usual_error)
+        return np.asarray(record.subtract_prediction(predictions) / self.usual_error)
 
     def _average_encoders(self, squares: Array) -> Array:
         """Average the squares of all channels (L, M) over each joint's encoders (L, I)."""

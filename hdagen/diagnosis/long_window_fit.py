@@ -163,8 +163,8 @@ class LongWindowFit:
         weight = self.errors.weigh_channels(model.errors, rows)
         J = slopes[:, rows].reshape(len(free), -1)
         weighted = (slopes[:, rows] * weight).reshape(len(free), -1)
-        told = errors[:, rows].reshape(len(errors), -1) @ weighted.T + model.theta[free] / wide**2
-        return weighted @ J.T + np.diag(wide**-2), -told
+        gradient = errors[:, rows].reshape(len(errors), -1) @ weighted.T + model.theta[free] / wide**2
+        return weighted @ J.T + np.diag(wide**-2), -gradient
 
     def fit_model(
         self,
@@ -249,10 +249,10 @@ class LongWindowFit:
             The misfit Σ W log e² of the parts, each told by what is fitted to the others.
 
         """
-        told = 0.0
+        misfit = 0.0
         for windows in np.array_split(np.unique(self.errors.window_index), DIRECT_EVIDENCE.folds):
             part = np.isin(self.errors.window_index, windows)
-            told += float(
+            misfit += float(
                 self.errors.log_misfit(self.fit_model(model, ~part, LONG_HORIZON.most_fold_steps).errors[None], part)[0]
             )
-        return told
+        return misfit

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
+from hdagen.data_quality.input_check_settings import INPUT_CHECK
+from hdagen.data_quality.log_repair_settings import LOG_REPAIR
+from hdagen.data_quality.ripple_line_settings import RIPPLE_LINE
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.direct_evidence_settings import DIRECT_EVIDENCE
@@ -24,6 +28,10 @@ from hdagen.prediction.prediction_settings import PREDICTION
 from hdagen.support.setting_declaration import read_values
 
 STAGE_SETTINGS: dict[str, Any] = {
+    "channel_checks": CHANNEL_CHECK,
+    "input_checks": INPUT_CHECK,
+    "log_repair": LOG_REPAIR,
+    "ripple_lines": RIPPLE_LINE,
     "prediction": PREDICTION,
     "data_and_holdout": DATA,
     "candidate_models": CANDIDATES,

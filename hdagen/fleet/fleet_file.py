@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
+import datetime
 import os
 import re
 from collections import Counter
@@ -18,59 +17,23 @@ from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import check_log_file
 from hdagen.support.input_file import InputFileError, read_toml
 from hdagen.support.messages import show_path, show_value
-from hdagen.support.version import __version__
 
-_REQUIRED_KEYS, _OPTIONAL_KEYS = ("robot", "log"), ("hold_out", "columns", "name")
+_REQUIRED_KEYS, _OPTIONAL_KEYS = ("robot", "log"), ("hold_out", "columns", "name", "date")
 _NAME_PATTERN = re.compile(r"\w[\w -]{0,59}")  # it is a folder, too
 _PRESET_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,60}")
-_MOST_FLEET_BYTES = 1_000_000  # bytes of a fleet.toml
+_MOST_FLEET_BYTES = 20_000_000  # bytes of a fleet.toml
 
 
 @dataclass(frozen=True)
 class FleetMachine:
-    """A log and the files that its diagnosis needs; ``robot`` is a preset or a path."""
+    """A log and the files that its diagnosis needs; ``robot`` is a preset or a path, ``date`` the log's in ISO 8601."""
 
     name: str
     robot: str
     log: Path
     hold_out: Path | None
     columns: Path | None
-
-    def hash_inputs(self) -> str:
-        """Hash the content of the files, wherever they lie, and this version.
-
-        Returns:
-            SHA-256 as hexadecimal digits.
-
-        """
-        parts: dict[str, str | None] = {"version": __version__, "robot": self.robot}
-        robot = Path(self.robot)
-        if (robot / "manifest.json").is_file():  # a folder that holds a build
-            parts["robot"] = _hash_file(robot / "manifest.json")
-        elif robot.exists():
-            parts["robot"] = _hash_file(robot)
-        for key, path in (("log", self.log), ("hold_out", self.hold_out), ("columns", self.columns)):
-            parts[key] = None
-            if path is not None:
-                parts[key] = _hash_file(path)
-        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-
-    def command_arguments(self, out: Path) -> list[str]:
-        """List the arguments of `hdagen diagnose`.
-
-        Args:
-            out: Folder of the diagnosis.
-
-        Returns:
-            The arguments.
-
-        """
-        stated = ["--out", str(out)]
-        if self.hold_out:
-            stated += ["--hold-out", str(self.hold_out)]
-        if self.columns:
-            stated += ["--columns", str(self.columns)]
-        return [*stated, "--", self.robot, str(self.log)]
+    date: str | None = None
 
 
 def read_fleet(path: Path) -> tuple[FleetMachine, ...]:
@@ -119,11 +82,12 @@ def _read_machine(where: str, folder: Path, entry: Mapping[str, Any], problems: 
         f"{where}: unknown key {key[:40]!r}; possible are {', '.join(known)}." for key in entry if key not in known
     ]
     wrong += [f"{where}: {key} is missing; state it." for key in _REQUIRED_KEYS if key not in entry]
+    date = _read_date(where, entry.get("date"), wrong)
     text = {key: value for key, value in entry.items() if isinstance(value, str) and value and "\0" not in value}
     wrong += [
         f"{where}: {key} = {show_value(value)}; it must be text in quotes."
         for key, value in entry.items()
-        if key in known and key not in text
+        if key in known and key not in text and key != "date"
     ]
     paths = {key: (folder / text[key]).absolute() for key in ("log", "hold_out", "columns") if key in text}
     for key, path in paths.items():
@@ -135,8 +99,10 @@ def _read_machine(where: str, folder: Path, entry: Mapping[str, Any], problems: 
         except LogError as error:
             wrong += [f"{where}: {key} = {show_value(text[key])}: {problem}" for problem in error.problems]
     robot = text.get("robot", "")
-    if robot and any(os.path.isfile(folder / robot / name) for name in ("", "manifest.json")):
+    if robot and os.path.isfile(folder / robot):
         robot = str((folder / robot).absolute())
+    elif robot and os.path.isfile(folder / robot / "manifest.json"):
+        wrong.append(f"{where}: robot = {show_value(robot)} is the folder of a build; give its robot.toml.")
     elif robot and not _PRESET_PATTERN.fullmatch(robot):
         wrong.append(f"{where}: robot = {show_value(robot)}: there is no such file, and it is no preset's name.")
     name = ""
@@ -148,9 +114,19 @@ def _read_machine(where: str, folder: Path, entry: Mapping[str, Any], problems: 
     problems += wrong
     if wrong:
         return None
-    return FleetMachine(name, robot, paths["log"], paths.get("hold_out"), paths.get("columns"))
+    return FleetMachine(name, robot, paths["log"], paths.get("hold_out"), paths.get("columns"), date)
 
 
-def _hash_file(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _read_date(where: str, given: Any, wrong: list[str]) -> str | None:
+    """The date of a log in ISO 8601, or None; a TOML date is one, too."""
+    if given is None:
+        return None
+    if isinstance(given, datetime.date):
+        return given.isoformat()
+    if isinstance(given, str):
+        try:
+            return datetime.datetime.fromisoformat(given).isoformat()
+        except ValueError:
+            pass
+    wrong.append(f"{where}: date = {show_value(given)}; possible is ISO 8601, such as 2026-03-31 or 2026-03-31T14:05.")
+    return None

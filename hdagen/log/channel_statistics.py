@@ -91,12 +91,12 @@ def _refine_step(gaps: np.ndarray, step: float) -> float:
     """Refine ``step`` where nearly all ``gaps`` between levels are multiples of it; else return 0."""
     for largest in (5, 50, 500):  # a gap of many steps shows a small error of the step, a small one none
         multiples = np.rint(gaps / step)
-        near = (multiples >= 1) & (multiples <= largest)
-        if not near.any():
+        countable = (multiples >= 1) & (multiples <= largest)
+        if not countable.any():
             return 0.0
-        step = float(gaps[near].sum() / multiples[near].sum())
-    off = np.abs(gaps / step - np.rint(gaps / step))[near]
-    if np.count_nonzero(near) > 0.5 * len(gaps) and np.quantile(off, 0.9) < 0.1:
+        step = float(gaps[countable].sum() / multiples[countable].sum())
+    off = np.abs(gaps / step - np.rint(gaps / step))[countable]
+    if np.count_nonzero(countable) > 0.5 * len(gaps) and np.quantile(off, 0.9) < 0.1:
         return step
     return 0.0
 

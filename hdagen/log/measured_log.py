@@ -13,7 +13,7 @@ from hdagen.log import column_map_file, data_table
 from hdagen.log.column_map import ColumnMap, ColumnsError, ColumnSource, MappedColumns, split_column_name
 from hdagen.log.csv_file import read_csv
 from hdagen.log.data_table import LogError, Table
-from hdagen.log.log_checks import (
+from hdagen.log.log_requirements import (
     POSITION_CHANNELS,
     count_joints,
     find_column_problems,
@@ -192,8 +192,8 @@ def build_log(raw: Table, source: str, mapping: ColumnMap, joints: int | None = 
     log = _put_on_better_clock(
         Log(time, values, count_joints(values), make_printable(source), tuple(mapped.notes), stamps)
     )
-    said = (*raw.notes, *log.notes, *notes, *_describe_gaps(log.time, raw, part))
-    return replace(log, notes=tuple(make_printable(note) for note in said))
+    all_notes = (*raw.notes, *log.notes, *notes, *_describe_gaps(log.time, raw, part))
+    return replace(log, notes=tuple(make_printable(note) for note in all_notes))
 
 
 def write(log: Log | Mapping[str, np.ndarray], path: Path | str) -> None:

@@ -254,9 +254,9 @@ def _fit_window_scatter(time: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray,
     size = np.ptp(time, axis=1)[:, None] / 2
     powers = ((time - middle) / size)[..., None] ** np.arange(CLOCK_POLYNOMIAL_ORDER + 1)
     basis, upper = np.linalg.qr(powers)
-    told = basis.swapaxes(1, 2) @ seen
-    variance = ((seen - basis @ told) ** 2).sum(1) / (CLOCK_WINDOW_ROWS - CLOCK_POLYNOMIAL_ORDER - 1)
-    speed = np.linalg.solve(upper, told)[:, 1] / size
+    coefficients = basis.swapaxes(1, 2) @ seen
+    variance = ((seen - basis @ coefficients) ** 2).sum(1) / (CLOCK_WINDOW_ROWS - CLOCK_POLYNOMIAL_ORDER - 1)
+    speed = np.linalg.solve(upper, coefficients)[:, 1] / size
     return variance, speed**2
 
 

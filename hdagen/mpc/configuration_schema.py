@@ -297,10 +297,10 @@ def keys_of_table(table: str) -> dict[str, ConfigurationKey]:
 
 
 def format_key_table() -> str:
-    """Write the table of all keys for docs/guides/mpc.md.
+    """Write the table of all keys as Markdown.
 
     Returns:
-        Markdown.
+        The table.
 
     """
     rows = ["| key | unit | default | range | meaning |", "|---|---|---|---|---|"]

@@ -116,3 +116,4 @@ const startArm = (figure, data) => {
   };
   return self;
 };
+starts.arm = startArm;

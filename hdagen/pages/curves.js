@@ -50,9 +50,10 @@ const redrawScales = ({ node, w, h }, x, y) => {
 
 const redrawPlaces = ({ area, w, h }, x, y) => { // bands, levels and marks
   for (const band of area.querySelectorAll(".band")) {
-    const from = x.place(Number(band.dataset.from)), to = x.place(Number(band.dataset.to)), box = band.firstChild;
-    box.setAttribute("x", from);
-    box.setAttribute("width", Math.max(to - from, 1));
+    const from = x.place(Number(band.dataset.from)), to = x.place(Number(band.dataset.to));
+    const box = band.querySelector("rect");
+    box?.setAttribute("x", from);
+    box?.setAttribute("width", Math.max(to - from, 1));
     band.querySelector("text")?.setAttribute("x", Math.max(from, 0) + 4);
     band.setAttribute("visibility", to > 0 && from < w ? "visible" : "hidden");
   }
@@ -248,3 +249,4 @@ const listen = (sheet, { tellRow, tellPoint, select, clear, axes, common, self }
     tellRow(sheet, row, [(left + axes(plots[0])[0].place(xs[row])) * scale, top * scale]);
   });
 };
+starts.curves = startCurves;

@@ -254,6 +254,9 @@ def draw_planes(
     marks = [mark for plane in planes for mark in plane.marks]
     x_axis = fit_axis(x_label, [trace.x for trace in every] + [as_samples([mark[0] for mark in marks])], log=log_x)
     y_axis = fit_axis(y_label, [trace.y for trace in every] + [as_samples([mark[1] for mark in marks])], log=log_y)
+    if equal and x_axis.quantity.base == y_axis.quantity.base:  # equal lengths ask for one prefix
+        named = max(x_axis, y_axis, key=lambda axis: max(abs(axis.low), abs(axis.high))).quantity
+        x_axis, y_axis = (replace(axis, quantity=named._replace(name=axis.quantity.name)) for axis in (x_axis, y_axis))
     share, even = MOST_NUMBERS // max(3 * len(every), 1), equal and not (log_x or log_y)
     plots = []
     for plane, mine in zip(planes, full, strict=True):

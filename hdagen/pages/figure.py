@@ -7,19 +7,19 @@ can be saved as SVG, and its numbers as CSV in base units.
 
 from collections.abc import Sequence
 
-from hdagen.pages.bar_chart import BarGroup, draw_bars
 from hdagen.pages.curves import Curve, Panel, Plane, Series, draw_lines, draw_panels, draw_plane, draw_planes
+from hdagen.pages.dot_chart import DotGroup, draw_dots
 from hdagen.pages.heat_map import draw_heat_map
 from hdagen.pages.markup import build_element
 from hdagen.pages.number_table import draw_table
 
 __all__ = [
-    "BarGroup",
     "Curve",
+    "DotGroup",
     "Panel",
     "Plane",
     "Series",
-    "draw_bars",
+    "draw_dots",
     "draw_heat_map",
     "draw_lines",
     "draw_panels",

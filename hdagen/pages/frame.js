@@ -1,5 +1,7 @@
 // What stands around a drawing: elements, buttons that save it, the box that reads out values.
 
+const starts = {}; // what brings a figure to life, by its kind; each file adds its own
+
 const make = (name, properties, ...children) => {
   const element = Object.assign(document.createElement(name), properties);
   element.append(...children);

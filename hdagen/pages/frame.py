@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from hdagen.pages import markup
 from hdagen.pages.markup import build_element, escape_html, replace_unprintable
@@ -104,6 +105,28 @@ def shorten_text(text: str, room: float, font: float) -> str:
     return short + "…"
 
 
+def wrap_text(text: str, room: float, font: float) -> list[str]:
+    """Break a text into lines of a width, between words; a word that is wider alone is shortened.
+
+    Args:
+        text: One line.
+        room: Width that a line may take, px.
+        font: Height of the letters, px.
+
+    Returns:
+        The lines, one or more.
+
+    """
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if lines[-1] and estimate_text_width(longer, font) > room:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return [shorten_text(line, room, font) for line in lines]
+
+
 def draw_text(
     x: float,
     y: float,
@@ -172,7 +195,11 @@ def build_svg(layout: Layout, width: float, height: float, description: str, *ch
 
 
 def build_rows_table(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", sentences: Sequence[str] = ()
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    caption: str = "",
+    sentences: Sequence[str] = (),
+    links: Sequence[str | None] = (),
 ) -> str:
     """Build a table of ready text, whose first column names the row.
 
@@ -181,6 +208,7 @@ def build_rows_table(
         rows: Cells of each row, one for every column.
         caption: Heading of the table, or none.
         sentences: Headings of the columns that break their lines.
+        links: Where the first cell of each row leads, if anywhere.
 
     Returns:
         The table in an element that scrolls.
@@ -194,15 +222,18 @@ def build_rows_table(
     ]
     parts = [
         build_element("thead", build_element("tr", *heads)),
-        build_element("tbody", *(_table_row(row, classes) for row in rows)),
+        build_element("tbody", *(_table_row(row, classes, at) for row, at in zip_longest(rows, links))),
     ]
     if caption:
         parts.insert(0, build_element("caption", escape_html(caption)))
     return build_element("div", build_element("table", *parts), class_="scroll")
 
 
-def _table_row(row: Sequence[str], classes: Sequence[str | None]) -> str:
-    cells = [build_element("th", escape_html(row[0]), scope="row", class_=classes[0])]
+def _table_row(row: Sequence[str], classes: Sequence[str | None], link: str | None) -> str:
+    name = escape_html(row[0])
+    if link:
+        name = build_element("a", name, href=link)
+    cells = [build_element("th", name, scope="row", class_=classes[0])]
     cells += [
         build_element("td", escape_html(cell), class_=kind) for cell, kind in zip(row[1:], classes[1:], strict=True)
     ]

@@ -42,3 +42,4 @@ const startHeat = (figure, data) => {
   ]);
   return { figure };
 };
+starts.heat = startHeat;

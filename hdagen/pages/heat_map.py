@@ -16,6 +16,7 @@ from hdagen.pages.palette import DIVERGING_COLORS, SEQUENTIAL_COLORS, blend_colo
 from hdagen.pages.quantity import format_number
 
 SHADE_COUNT = 64
+HATCH_PITCH = 7.0  # px, between the lines that mark empty cells
 VISIBLE_CELLS = 40_000  # more cells than that are finer than a pixel
 NAME_WIDTH_SHARE = 0.35  # of the width of the drawing, at most, for the names of rows
 MOST_WRITTEN_CELLS = 120  # up to so many cells carry their number
@@ -34,6 +35,7 @@ def draw_heat_map(
     log_x: bool = False,
     log_y: bool = False,
     center: float | None = None,
+    span: tuple[float, float] | None = None,
     caption: str = "",
 ) -> str:
     """Draw a heat map, whose row 0 lies at the bottom, or on top where rows have names.
@@ -49,6 +51,7 @@ def draw_heat_map(
         log_x: Whether x is logarithmic.
         log_y: Whether y is logarithmic.
         center: Value about which the colours diverge, as far to either side; None: they rise from low to high.
+        span: Lowest and highest value of the colours, which maps to be compared share; None: those of the cells.
         caption: Text below the drawings.
 
     Returns:
@@ -62,7 +65,7 @@ def draw_heat_map(
     rows, columns = cells.shape
     across = _check_edges(title, "x", x, columns, log_x)
     up = _check_edges(title, "y", y, rows, log_y)
-    scale, stops = _color_scale(value_label, cells, center)
+    scale, stops = _color_scale(value_label, cells, center, span)
     shades = np.nan_to_num(scale.to_pixels(cells, SHADE_COUNT), nan=-1.0).clip(-1, SHADE_COUNT - 1).astype(int)
     axes = (_fit_edge_axis(x_label, across, log_x), _fit_edge_axis(y_label, up, log_y))
     words = f"{title}: {scale.quantity.label} over {x_label} and {y_label}"
@@ -77,7 +80,7 @@ def draw_heat_map(
     }  # fmt: skip
     note = ""
     if np.isnan(cells).any():
-        note = "Empty cells hold no data."
+        note = "Hatched: no data."
     return frame.build_figure("heat", title, drawings, caption=caption, note=note, data=data)
 
 
@@ -90,9 +93,14 @@ def _check_grid(title: str, values: ArrayLike) -> Array:
     return as_samples(grid).reshape(grid.shape)
 
 
-def _color_scale(label: str, cells: Array, center: float | None) -> tuple[Axis, tuple[str, ...]]:
+def _color_scale(
+    label: str, cells: Array, center: float | None, span: tuple[float, float] | None
+) -> tuple[Axis, tuple[str, ...]]:
     """The axis of the values and its colours from low to high."""
-    scale = fit_axis(label, [cells], margin=0.0)
+    held = [cells]
+    if span is not None:
+        held.append(np.array(span))
+    scale = fit_axis(label, held, margin=0.0)
     if center is None:
         return scale, SEQUENTIAL_COLORS
     far = float(np.nanmax(np.abs(cells - center), initial=0.0)) or 1.0
@@ -174,6 +182,7 @@ def _draw_layout(
         draw_text(
             width + key, -0.8 * font, shorten_text(scale.quantity.label, beside_it, font), anchor="end", strong=True
         ),
+        _draw_hatch(shades, width, height),
         *_draw_patches(px, py, shades, stops),
         *numerals,
         *_draw_tick_texts(layout, axes, across, up, px, py, width, height),
@@ -193,6 +202,16 @@ def _draw_layout(
         transform=f"translate({left:.1f} {top:.1f})",
     )
     return layout.width, round(top + height + 3.9 * font, 1), words, body
+
+
+def _draw_hatch(shades: NDArray[np.int_], width: float, height: float) -> str:
+    """Oblique lines below the cells: where a cell is empty they show, which no colour of the scale looks like."""
+    if (shades >= 0).all():
+        return ""
+    starts = np.arange(-height, width, HATCH_PITCH)
+    lines = "".join(f"M{x:.0f} {height:.0f}l{height:.0f} -{height:.0f}" for x in starts.tolist())
+    path = build_element("path", d=lines, fill="none", stroke="currentColor", stroke_opacity=0.25)
+    return build_element("svg", path, width=width, height=height)
 
 
 def _draw_patches(px: Array, py: Array, shades: NDArray[np.int_], stops: tuple[str, ...]) -> list[str]:

@@ -19,6 +19,8 @@ def draw_table(
     digits: int = 4,
     caption: str = "",
     sentences: Sequence[str] = (),
+    links: Sequence[str | None] = (),
+    searchable: bool = False,
 ) -> str:
     """Draw a table of words and numbers; its CSV holds the numbers in full.
 
@@ -29,6 +31,8 @@ def draw_table(
         digits: Count of significant digits of numbers.
         caption: Text below the table.
         sentences: Headings of the columns whose text breaks its lines.
+        links: A relative address for each row, to which its first cell leads; None, or nothing: no link.
+        searchable: Whether readers can search the rows and sort them by any column.
 
     Returns:
         The ``build_figure`` element.
@@ -46,10 +50,11 @@ def draw_table(
     for row in rows:
         written.append([format_cell(cell, digits) for cell in row])
         sent.append([_encode_cell(cell) for cell in row])
-    data = {"rows": sent}
-    return frame.build_figure(
-        "table", title, frame.build_rows_table(columns, written, sentences=sentences), caption=caption, data=data
-    )
+    data: dict[str, object] = {"rows": sent}
+    if searchable:
+        data["searchable"] = True
+    body = frame.build_rows_table(columns, written, sentences=sentences, links=links)
+    return frame.build_figure("table", title, body, caption=caption, data=data)
 
 
 def format_cell(cell: TableCell, digits: int) -> str:

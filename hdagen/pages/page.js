@@ -5,11 +5,20 @@ const everyLinked = (self, action) => { // self and all figures of its link
   const link = self.figure.dataset.link;
   started.filter((one) => one === self || (link && one.figure.dataset.link === link)).forEach(action);
 };
-const startTable = (figure, data) => {
+starts.dots = starts.table = (figure, data) => {
   tools(figure, () => data.rows);
+  if (data.searchable) searchTable(figure, data.rows.slice(1));
   return { figure };
 };
-const starts = { curves: startCurves, heat: startHeat, arm: startArm, bars: startTable, table: startTable };
+for (const block of document.querySelectorAll(".command pre")) {
+  const copy = button("Copy", "Copy the command", async () => {
+    getSelection().selectAllChildren(block); // so that a key copies it where the page may not
+    await navigator.clipboard.writeText(block.textContent);
+    copy.textContent = "Copied";
+    setTimeout(() => { copy.textContent = "Copy"; }, 1500);
+  });
+  block.after(copy);
+}
 
 for (const figure of document.querySelectorAll("figure[data-kind]")) {
   try {

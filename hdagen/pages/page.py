@@ -11,11 +11,20 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
-from hdagen.pages import palette
+from hdagen.pages import palette, time_chart
 from hdagen.pages.markup import build_element, build_paragraphs, escape_html, replace_unprintable
 from hdagen.support.atomic_write import write_atomically
 
-SCRIPT_FILES = ("axis.js", "frame.js", "curves.js", "heat.js", "animation.js", "page.js")  # page.js starts the others
+SCRIPT_FILES = (
+    "axis.js",
+    "frame.js",
+    "curves.js",
+    "heat.js",
+    "animation.js",
+    "time_chart.js",
+    "table.js",
+    "page.js",
+)  # the last starts all
 
 
 @dataclass(frozen=True)
@@ -30,7 +39,9 @@ class Section:
     figures: Sequence[str] = ()
 
 
-def render_page(title: str, verdict: str, sections: Sequence[Section], reproduce: str) -> str:
+def render_page(
+    title: str, verdict: str, sections: Sequence[Section], reproduce: str, *, first_screen: str = ""
+) -> str:
     """Write a whole page as text; the same arguments give the same bytes.
 
     Args:
@@ -38,13 +49,18 @@ def render_page(title: str, verdict: str, sections: Sequence[Section], reproduce
         verdict: The one sentence to take home.
         sections: Sections in their order.
         reproduce: The commands that make the page again, set like the text of a section.
+        first_screen: Markup of `build_first_screen`, which then stands in place of title and verdict.
 
     Returns:
         HTML that needs nothing from the network.
 
     """
-    style = palette.build_color_style() + _read_part("style.css")
-    script = "".join(_read_part(name) for name in SCRIPT_FILES)
+    shown = "".join(figure for section in sections for figure in section.figures)
+    styles, scripts = ["style.css"], list(SCRIPT_FILES)
+    if time_chart.FIGURE_MARK in shown:  # the library travels only with a page that draws with it
+        styles, scripts = [*time_chart.STYLE_FILES, *styles], [*time_chart.SCRIPT_FILES, *scripts]
+    style = palette.build_color_style() + "".join(_read_part(name) for name in styles)
+    script = "".join(_read_part(name) for name in scripts)
     policy = (
         f"default-src 'none'; style-src '{_hash_text(style)}'; script-src '{_hash_text(script)}'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
@@ -54,13 +70,8 @@ def render_page(title: str, verdict: str, sections: Sequence[Section], reproduce
         build_element("li", build_element("a", escape_html(section.heading), href=f"#{name}"))
         for section, name in zip(sections, names, strict=True)
     )
-    body = [
-        build_element(
-            "header",
-            build_element("h1", escape_html(title)),
-            build_element("p", escape_html(verdict), class_="verdict"),
-        )
-    ]
+    heading = build_element("h1", escape_html(title)), build_element("p", escape_html(verdict), class_="verdict")
+    body = [first_screen or build_element("header", *heading)]
     if len(sections) > 2:
         body.append(build_element("nav", build_element("ul", links), aria_label="Contents"))
     body += [
@@ -91,7 +102,13 @@ def render_page(title: str, verdict: str, sections: Sequence[Section], reproduce
 
 
 def write_page(
-    path: str | os.PathLike[str], title: str, verdict: str, sections: Sequence[Section], reproduce: str
+    path: str | os.PathLike[str],
+    title: str,
+    verdict: str,
+    sections: Sequence[Section],
+    reproduce: str,
+    *,
+    first_screen: str = "",
 ) -> None:
     """Write a page whole or not at all: an older page at its place stays until the new one is complete.
 
@@ -101,13 +118,14 @@ def write_page(
         verdict: The one sentence to take home.
         sections: Sections in their order.
         reproduce: The commands that make the page again, set like the text of a section.
+        first_screen: Markup of `build_first_screen`, which then stands in place of title and verdict.
 
     Raises:
         OSError: The file cannot be written; the message names the place.
 
     """
     target = Path(path)
-    text = render_page(title, verdict, sections, reproduce).encode("utf-8")
+    text = render_page(title, verdict, sections, reproduce, first_screen=first_screen).encode("utf-8")
     try:
         write_atomically(target, text)
     except OSError as problem:

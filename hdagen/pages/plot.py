@@ -10,7 +10,7 @@ import numpy as np
 
 from hdagen.pages.axis import Axis
 from hdagen.pages.decimation import Array, find_extreme_rows
-from hdagen.pages.frame import Layout, draw_text, estimate_text_width, group_in_color, shorten_text
+from hdagen.pages.frame import Layout, draw_text, estimate_text_width, group_in_color, shorten_text, wrap_text
 from hdagen.pages.markup import build_element
 from hdagen.pages.palette import DASH_PATTERNS
 from hdagen.support.row_runs import find_true_runs
@@ -126,19 +126,26 @@ def _choose_pen(trace: Trace) -> tuple[float, str | None, str | None]:
     return 3 * trace.width, None, "square"
 
 
+def _draw_band(plot: Plot, band: tuple[float, float, str], width: float, height: float) -> str:
+    start, end, _ = band
+    x = plot.x.to_pixels(np.array([start, end]), width)
+    box = build_element("rect", x=float(x[0]), width=max(float(x[1] - x[0]), 1.0), height=height, fill_opacity=0.09)
+    return build_element("g", box, class_="band", data_from=repr(float(start)), data_to=repr(float(end)))
+
+
+def _draw_band_words(plot: Plot, band: tuple[float, float, str], width: float, font: float) -> str:
+    start, end, words = band
+    x = float(plot.x.to_pixels(np.array([start]), width)[0])
+    text = draw_text(x + 4, font, words, faint=True, halo=True)
+    return build_element("g", text, class_="band", data_from=repr(float(start)), data_to=repr(float(end)))
+
+
 def _draw_area(plot: Plot, width: float, height: float, font: float, band_words: bool) -> str:
     """Everything inside the axes, clipped by them."""
-    parts = []
-    for start, end, words in plot.bands:
-        x = plot.x.to_pixels(np.array([start, end]), width)
-        box = build_element("rect", x=float(x[0]), width=max(float(x[1] - x[0]), 1.0), height=height, fill_opacity=0.09)
-        text = ""
-        if band_words:
-            text = draw_text(float(x[0]) + 4, font, words, faint=True, halo=True)
-        parts.append(
-            build_element("g", box, text, class_="band", data_from=repr(float(start)), data_to=repr(float(end)))
-        )
+    parts = [_draw_band(plot, band, width, height) for band in plot.bands]
     parts += [_draw_trace(trace, plot, width, height) for trace in plot.traces]
+    if band_words:  # above the curves
+        parts += [_draw_band_words(plot, band, width, font) for band in plot.bands if band[2]]
     for value, words in plot.levels:
         y = height - float(plot.y.to_pixels(np.array([value]), height)[0])
         line = build_element("path", d=f"M0 0H{width:g}", stroke="currentColor", stroke_dasharray="2 4")
@@ -199,13 +206,12 @@ def _is_crowded(plot: Plot, room: float, font: float) -> bool:
 
 def _draw_head(plot: Plot, room: float, font: float, crowded: bool) -> tuple[str, float]:
     """Markup and height of the head above the axes, from their left end: name of y, then the key of the curves."""
-    parts, y, name = [], 0.0, _format_plot_name(plot)
+    names = wrap_text(_format_plot_name(plot), room / 1.08, font)
     if crowded and plot.heading:
-        parts = [draw_text(0.0, 0.0, shorten_text(plot.heading, room / 1.08, font), strong=True)]
-        y, name = 1.45 * font, plot.y.quantity.label
-    name = shorten_text(name, room / 1.08, font)
-    parts.append(draw_text(0.0, y, name, strong=True))
-    x = 1.08 * estimate_text_width(name, font) + 18
+        names = [line for part in (plot.heading, plot.y.quantity.label) for line in wrap_text(part, room / 1.08, font)]
+    parts = [draw_text(0.0, 1.45 * font * k, line, strong=True) for k, line in enumerate(names)]
+    y = 1.45 * font * (len(names) - 1)
+    x = 1.08 * estimate_text_width(names[-1], font) + 18
     for trace in plot.traces:
         if not trace.label:
             continue
@@ -255,8 +261,10 @@ def _place_plot(
         plot = _equalize_axes(plot, width, height)
     parts = [head, _draw_scales(plot, width, height, font, named), _draw_area(plot, width, height, font, band_words)]
     if named:
-        name = shorten_text(plot.x.quantity.label, width, font)
-        parts.append(draw_text(width / 2, height + 3.1 * font, name, anchor="middle", strong=True))
+        name = shorten_text(plot.x.quantity.label, width + place[0] + RIGHT_MARGIN, font)
+        half = 0.54 * estimate_text_width(name, font)
+        middle = min(width / 2, width + RIGHT_MARGIN - half)  # a long name begins left of the axes
+        parts.append(draw_text(middle, height + 3.1 * font, name, anchor="middle", strong=True))
     return build_element(
         "g",
         *parts,

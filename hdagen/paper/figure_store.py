@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from importlib import resources
@@ -112,6 +112,34 @@ def store_figure(folder: Path, result: Result, came_from: str, seconds: float) -
         }  # fmt: skip
         whole = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         write_atomically(folder / f"{result.name}.json", whole.encode())
+    except OSError as error:
+        raise PlantError(f"{folder}: {error.strerror}; choose another place with --out.") from None
+    return content
+
+
+def keep_figure(folder: Path, name: str, files: Mapping[str, bytes]) -> dict[str, Any]:
+    """Keep the files of a figure that another process made; its JSON is the last.
+
+    Args:
+        folder: of the results.
+        name: of the figure.
+        files: content of files by name, of this figure and others.
+
+    Returns:
+        The content of the figure's JSON.
+
+    Raises:
+        PlantError: a file cannot be written.
+
+    """
+    said = files[f"{name}.json"]
+    content: dict[str, Any] = json.loads(said)
+    try:
+        (folder / SECTIONS_FOLDER).mkdir(parents=True, exist_ok=True)
+        (folder / f"{name}.json").unlink(missing_ok=True)
+        for file in content["files"]:
+            write_atomically(folder / file, files[file])
+        write_atomically(folder / f"{name}.json", said)
     except OSError as error:
         raise PlantError(f"{folder}: {error.strerror}; choose another place with --out.") from None
     return content

@@ -1,4 +1,4 @@
-"""One page with every figure and table, the paper's claims beside the results, the errata, and the choices."""
+"""A page of the paper's claims beside the results, the errata and the choices, and one page for each figure."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def render_claims(claims: Sequence[Claim]) -> str:
 
 
 def write_page(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequence[Mapping[str, Any]]) -> Path:
-    """Write the page, index.html.
+    """Write index.html, and beside it a page for each figure, to which its claims lead.
 
     Args:
         folder: the folder of the results.
@@ -143,16 +143,17 @@ def write_page(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Se
         sections: the section of each figure, as `make_section` makes it.
 
     Returns:
-        The path of the page.
+        The path of index.html.
 
     Raises:
-        OSError: the page cannot be written.
+        OSError: a page cannot be written.
 
     """
     claims = [(paper_heading(content["name"]), claim) for content in contents for claim in content["claims"]]
     outcomes = [claim["holds"] for _, claim in claims]
     kept, broken = (sum(holds is value for holds in outcomes) for value in (True, False))
     summary = [(name, claim["paper"], claim["here"], HOLDS_WORDS[claim["holds"]]) for name, claim in claims]
+    pages = [f"{content['name']}.html" for content in contents for _ in content["claims"]]
     choices = [
         (paper_heading(content["name"]), choice["question"], choice["taken"], choice["alternatives"])
         for content in contents for choice in content["choices"]
@@ -160,14 +161,15 @@ def write_page(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Se
     whole = [
         Section(
             "Every claim",
-            "What the paper says, what came out on its virtual prototype, and whether that is the same. The sections "
-            "below have the figures, and why they differ where they do.",
-            [figure.draw_table("The paper and here", ("", *CLAIM_COLUMNS, "holds"), summary, sentences=CLAIM_COLUMNS)],
+            "What the paper says, what came out on its virtual prototype, and whether that is the same. Each name "
+            "leads to the figure, and to the reasons of differences.",
+            [
+                figure.draw_table(
+                    "The paper and here", ("", *CLAIM_COLUMNS, "holds"), summary, sentences=CLAIM_COLUMNS, links=pages
+                )
+            ],
         ),
-        *(
-            Section(f"{paper_heading(content['name'])}: {content['title']}", made["text"], made["figures"])
-            for content, made in zip(contents, sections, strict=True)
-        ),
+        Section("Every figure", "", [_list_figures(contents)]),
         Section(
             "What the paper leaves open",
             "What was taken, and what the alternatives give.",
@@ -188,8 +190,26 @@ def write_page(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Se
         "ROBOT is the .toml of the same name, else paper_prototype. docs/project/paper.md explains the differences."
     )
     target = folder / "index.html"
+    for content, made in zip(contents, sections, strict=True):
+        _write_figure_page(folder, content, made, reproduce)
     page.write_page(target, "The paper, reproduced", verdict, whole, reproduce)
     return target
+
+
+def _list_figures(contents: Sequence[Mapping[str, Any]]) -> str:
+    """A table that leads to the page of each figure."""
+    rows = [(paper_heading(content["name"]), content["title"]) for content in contents]
+    pages = [f"{content['name']}.html" for content in contents]
+    return figure.draw_table("Figures and tables", ("", "title"), rows, sentences=("title",), links=pages)
+
+
+def _write_figure_page(folder: Path, content: Mapping[str, Any], made: Mapping[str, Any], reproduce: str) -> None:
+    heading = f"{paper_heading(content['name'])}: {content['title']}"
+    sections = [Section("The figure", made["text"], made["figures"])]
+    claims = content["claims"]
+    kept = sum(claim["holds"] is True for claim in claims)
+    verdict = f"{kept} of {len(claims)} statements of the paper hold here; index.html has all figures."
+    page.write_page(folder / f"{content['name']}.html", heading, verdict, sections, reproduce)
 
 
 def paper_heading(name: str) -> str:

@@ -1,9 +1,10 @@
 """Closed-loop replay: the controller that drove the machine drives the model, from the logged reference and the
 simulated encoders.
 
-controller.toml states for every joint the cascade of a position loop in a velocity loop:
+controller.toml states for every joint the cascade of a position loop in a velocity loop, or a PD law on the reference:
 
     command = torque_scale · clip(kv (kp (reference − position) − velocity), ± limit)
+    command = torque_scale · clip(proportional (reference − position) − derivative · velocity, ± limit)
 
 The velocity is the mean rate over the last ``velocity_filter_samples`` rows, the difference of a moving average.
 Source: Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), 1.3 and Fig. 2, where the average is over
@@ -37,6 +38,7 @@ from hdagen.support.messages import show_path, show_value
 
 _MOST_CONTROLLER_BYTES = 100_000  # bytes of a controller.toml
 _MOST_FILTER_SAMPLES = 1000
+_CASCADE_KEYS, _PD_KEYS = ("kp", "kv"), ("proportional", "derivative")
 
 
 @dataclass(frozen=True)
@@ -44,21 +46,40 @@ class JointLaw:
     """The law of one joint.
 
     Attributes:
-        kp: Gain of the position loop, 1/s.
-        kv: Gain of the velocity loop, the command's unit before ``torque_scale`` a rad/s (m/s).
+        kp: Of a cascade, the gain of the position loop, 1/s.
+        kv: Of a cascade, the gain of the velocity loop, the command's unit before ``torque_scale`` a rad/s (m/s).
         velocity_filter_samples: Rows over which the velocity is the mean rate.
         torque_scale: Factor on the command.
         limit: Largest command before ``torque_scale``.
         encoder: "joint", or "motor" (its angle over the ratio).
+        proportional: Of a PD law, the command before ``torque_scale`` a rad (m) of error.
+        derivative: Of a PD law, the command before ``torque_scale`` a rad/s (m/s); None: the law is a cascade.
 
     """
 
-    kp: float
-    kv: float
+    kp: float = 0.0
+    kv: float = 0.0
     velocity_filter_samples: int = 1
     torque_scale: float = 1.0
     limit: float = math.inf
     encoder: str = "joint"
+    proportional: float = 0.0
+    derivative: float | None = None
+
+    def compute_output(self, error: float, velocity: float) -> float:
+        """Compute the command before limit and scale.
+
+        Args:
+            error: Reference less position, rad or m.
+            velocity: The velocity, rad/s or m/s.
+
+        Returns:
+            The command before ``torque_scale``.
+
+        """
+        if self.derivative is None:
+            return self.kv * (self.kp * error - velocity)
+        return self.proportional * error - self.derivative * velocity
 
 
 def read_controller(path: str | Path) -> tuple[JointLaw, ...]:
@@ -85,7 +106,12 @@ def read_controller(path: str | Path) -> tuple[JointLaw, ...]:
     tables = content.get("joint")
     if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
         raise PlantError(
-            "\n".join([*problems, f"{path}: found no [[joint]] table; write one a joint, with kp and kv."])
+            "\n".join(
+                [
+                    *problems,
+                    f"{path}: found no [[joint]] table; write one a joint, with its kp and kv (or a PD law).",
+                ]
+            )
         )
     laws = [_parse_joint_law(f"{path}, joint {j}", table, problems) for j, table in enumerate(tables, 1)]
     if problems:
@@ -97,6 +123,7 @@ def _parse_joint_law(where: str, table: Mapping[str, Any], problems: list[str]) 
     """One joint's law, or None and why not."""
     before = len(problems)
     known = {"kp": (0.0, 1e6), "kv": (0.0, 1e9), "torque_scale": (-1e6, 1e6), "limit": (0.0, 1e9)}
+    known |= dict.fromkeys(_PD_KEYS, (0.0, 1e9))
     for key, value in table.items():
         if key == "velocity_filter_samples":
             if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _MOST_FILTER_SAMPLES:
@@ -117,7 +144,15 @@ def _parse_joint_law(where: str, table: Mapping[str, Any], problems: list[str]) 
             problems.append(
                 f"{where}, {key}: found {show_value(value)}, possible is a number from {low:g} to {high:g}."
             )
-    problems += [f"{where}: {key} is missing; state it." for key in ("kp", "kv") if key not in table]
+    gains, others = _CASCADE_KEYS, _PD_KEYS
+    if any(key in table for key in _PD_KEYS):
+        gains, others = _PD_KEYS, _CASCADE_KEYS
+    problems += [f"{where}: {key} is missing; state it." for key in gains if key not in table]
+    problems += [
+        f"{where}: {key} belongs to a cascade and {gains[0]} to a PD law; state one law."
+        for key in others
+        if key in table
+    ]
     if len(problems) > before:
         return None
     return JointLaw(**table)
@@ -181,9 +216,12 @@ def _check_laws_fit(arm: Arm, log: Log, laws: tuple[JointLaw, ...]) -> None:
         )
 
 
-class _JointController:
+class JointController:
     """The controller of one joint, with its encoder's readings in rad or m at the joint, as measured before the
-    window."""
+    window.
+
+    ``arm`` and ``log`` are the robot and its log; ``j`` is the joint's number, and ``law`` its law.
+    """
 
     def __init__(self, arm: Arm, log: Log, j: int, law: JointLaw) -> None:
         ratio = arm.parameters[f"ratio_{j}"]
@@ -196,7 +234,16 @@ class _JointController:
         self.step = float(arm.robot["joints"][j - 1]["sensor"][f"{law.encoder}_encoder_resolution"])
 
     def compute_command(self, row: int, angle: float) -> float:
-        """The command of ``row``, where the encoder's side stands at ``angle``."""
+        """Compute the command of a row.
+
+        Args:
+            row: The row.
+            angle: The angle at the law's encoder, before it is counted: rad at the motor, or rad or m at the joint.
+
+        Returns:
+            The command, in the unit of the robot's input.
+
+        """
         law = self.law
         if self.step:
             angle = round(angle / self.step) * self.step
@@ -205,7 +252,7 @@ class _JointController:
         missing = back - row + law.velocity_filter_samples  # rows before the log's first, in which it stood still
         span = self.time[row] - self.time[back] + missing * self.period
         velocity = (self.seen[row] - self.seen[back]) / span
-        output = law.kv * (law.kp * (self.reference[row] - self.seen[row]) - velocity)
+        output = law.compute_output(self.reference[row] - self.seen[row], velocity)
         return law.torque_scale * min(max(output, -law.limit), law.limit)
 
 
@@ -213,7 +260,7 @@ def _simulate_window(
     arm: Arm, log: Log, laws: tuple[JointLaw, ...], x: Array, rows: range, states: Array, inputs: Array
 ) -> Array:
     """Fill ``rows`` of ``states`` and of the motors' ``inputs``; return the state after the last row."""
-    joints = [_JointController(arm, log, j, law) for j, law in enumerate(laws, 1)]
+    joints = [JointController(arm, log, j, law) for j, law in enumerate(laws, 1)]
     u, h, now, then = inputs[rows[0]].copy(), np.empty(1), x.copy(), np.empty(arm.nx)
     shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
     outputs = {name: np.empty(length) for name, length in shapes}

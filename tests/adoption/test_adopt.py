@@ -267,7 +267,6 @@ def test_the_command_writes_prints_and_keeps_what_is_there(
         ((stated, robot, "--out", tmp_path / "new.json"), "possible is .toml"),
         ((stated, robot, "--out", tmp_path / "none" / "new.toml"), "there is no folder"),
         ((stated, tmp_path / "absent.toml", "--out", tmp_path / "b.toml"), "there is no such file"),
-        ((stated, "paper", "--out", tmp_path / "b.toml"), "of a preset, a copy of its file"),
         ((tmp_path / "absent.json", robot, "--out", tmp_path / "b.toml"), "cannot be read"),
     ):
         assert command(*arguments) == 2, arguments

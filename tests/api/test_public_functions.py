@@ -19,13 +19,24 @@ from replayed import FLEXIBLE, diagnosis
 
 import hdagen
 from hdagen.adoption.robot_update import adopt as adopt_file
-from hdagen.api import log_diagnosis
+from hdagen.api.robot_loading import find_robot_file
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.stages.stage import Stage
 from hdagen.log.measured_log import Log, write
 from hdagen.prediction.window_replay import replay as replay_windows
 
-FUNCTIONS = ("adopt", "check", "diagnose", "excite", "load_robot", "read_diagnosis", "read_log", "replay", "simulate")
+FUNCTIONS = (
+    "adopt",
+    "check",
+    "diagnose",
+    "excite",
+    "export",
+    "load_robot",
+    "read_diagnosis",
+    "read_log",
+    "replay",
+    "simulate",
+)
 HEAVY = ("numpy", "scipy", "pyarrow", "pandas", "polars", "casadi", "rich")
 
 
@@ -67,15 +78,15 @@ def test_options_are_given_by_name_and_have_defaults() -> None:
 def test_a_loaded_robot_stands_for_its_file(robot: Path) -> None:
     arm = hdagen.load_robot(robot)
     assert hdagen.load_robot(arm) is arm
-    assert log_diagnosis.find_robot_file(arm) == robot
-    assert log_diagnosis.find_robot_file("emps") == "emps"
+    assert find_robot_file(arm) == robot
+    assert find_robot_file("emps") == "emps"
 
 
 def test_a_robot_with_other_parameters_than_its_file_is_refused(robot: Path) -> None:
     arm = hdagen.load_robot(robot)
     arm.parameters["mass_1"] *= 1.1
     with pytest.raises(hdagen.PlantError, match=r"mass_1 differ from the robot file.*write them into the file"):
-        log_diagnosis.find_robot_file(arm)
+        find_robot_file(arm)
 
 
 def test_a_build_alone_is_refused_where_other_effects_are_wanted(arm: Arm, good: Log) -> None:
@@ -96,7 +107,7 @@ def test_diagnose_hands_on_what_it_is_given(
         given[:] = [*arguments, options["on_stage"]]
         return "a diagnosis"
 
-    monkeypatch.setattr(log_diagnosis.pipeline, "diagnose", note)
+    monkeypatch.setattr("hdagen.api.log_diagnosis.pipeline.diagnose", note)
     file = tmp_path / "log.parquet"
     write(good, file)
     table = {"time": good.time, **good.columns}

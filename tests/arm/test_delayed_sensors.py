@@ -15,11 +15,13 @@ from hdagen.arm.compiled_arm import Arm
 
 Builder = Callable[..., Compiled]
 HERTZ, PERIOD = 120.0, 1e-3
+ROBOT = text("RR", rigid="rf")  # a rigid drive and one with springs
+EFFECTS = ("sensor_delay", "encoder_bias", "encoder_eccentricity")
 
 
 @pytest.fixture
 def arm(build: Builder) -> Arm:
-    return Arm(build(text("RR"), effects=("sensor_delay",)).folder)
+    return Arm(build(ROBOT, effects=EFFECTS).folder)
 
 
 def ringing(arm: Arm, time: np.ndarray) -> np.ndarray:
@@ -34,7 +36,7 @@ def ringing(arm: Arm, time: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("delay", [3e-3, 4e-4, -2e-3])
 def test_a_late_reading_is_the_angle_of_then(arm: Arm, delay: float) -> None:
-    time = PERIOD * np.arange(200)
+    time = PERIOD * np.arange(200.0)
     x, u = ringing(arm, time), np.zeros((200, arm.nu))
     arm.parameters["sensor_delay_2"] = delay
     seen = delayed_sensors.read_sensors(arm, time, x, u)["joint_position"]
@@ -48,7 +50,7 @@ def test_a_late_reading_is_the_angle_of_then(arm: Arm, delay: float) -> None:
 
 
 def test_a_path_knows_nothing_of_the_one_before_and_gaps_are_not_crossed(arm: Arm) -> None:
-    time = PERIOD * np.arange(100)
+    time = PERIOD * np.arange(100.0)
     x, u = ringing(arm, time), np.zeros((100, arm.nu))
     place = arm.index("joint_position_1")
     x[50:, place] += 1.0  # another path
@@ -61,7 +63,7 @@ def test_a_path_knows_nothing_of_the_one_before_and_gaps_are_not_crossed(arm: Ar
 
 
 def test_without_a_delay_nothing_changes(arm: Arm) -> None:
-    time = PERIOD * np.arange(20)
+    time = PERIOD * np.arange(20.0)
     x, u = ringing(arm, time), np.zeros((20, arm.nu))
     for name, values in arm.outputs(x, u).items():
         assert np.array_equal(delayed_sensors.read_sensors(arm, time, x, u)[name], values)
@@ -73,11 +75,10 @@ def test_positions_alone_are_read_as_with_everything_else(
     build: Builder, profile: str, delays: tuple[float, float]
 ) -> None:
     """Through every effect of an encoder, and where the drive is rigid."""
-    effects = ("sensor_delay", "encoder_bias", "encoder_eccentricity")
-    arm = Arm(build(text("RR", rigid="fr"), profile, effects=effects).folder)
+    arm = Arm(build(ROBOT, profile, effects=EFFECTS).folder)
     time = np.concatenate([PERIOD * np.arange(60), 1.0 + PERIOD * np.arange(40)])
     x, u, begins = ringing(arm, time), np.zeros((100, arm.nu)), np.array([0, 30, 60])
-    x[:, arm.index("motor_position_1")] = 100.0 * np.cos(3 * time)
+    x[:, arm.index("motor_position_2")] = 100.0 * np.cos(3 * time)
     for j, delay in enumerate(delays, 1):
         arm.parameters.update(
             {f"sensor_delay_{j}": delay, f"encoder_bias_{j}": 0.1 * j, f"eccentricity_sine_{j}": 0.02}
@@ -96,7 +97,7 @@ def test_positions_alone_are_read_as_with_everything_else(
 @pytest.mark.parametrize("profile", ["portable", "native"])
 def test_between_rows_it_is_the_cubic_of_angle_and_speed(build: Builder, profile: str) -> None:
     """Against SciPy's, on rows at uneven times, for ages of less than a row and of many."""
-    arm = Arm(build(text("RR"), profile, effects=("sensor_delay",)).folder)
+    arm = Arm(build(ROBOT, profile, effects=EFFECTS).folder)
     time = np.cumsum(np.random.default_rng(1).uniform(0.5e-3, 1.4e-3, 200))
     x = ringing(arm, time)
     for age in (1e-4, 1.7e-3, 1.9e-2, -3e-3):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +24,7 @@ from hdagen.blind.realities.rigid_joints import Friction, JointCase, NamelessTor
 from hdagen.blind.score_summary import summarize_rows
 from hdagen.blind.scores import Row, score_case, split_unknown
 from hdagen.blind.sealed_check import Check
+from hdagen.campaign.cluster_request import ClusterRequest
 from hdagen.log.measured_log import read
 
 COULOMB, VISCOUS = rigid_joints.FRICTION_EFFECTS
@@ -110,7 +110,7 @@ def test_torques_of_the_links_are_those_of_the_energy() -> None:
     motion = draw_joint_motion(np.random.default_rng(2), (2.0, 3.0), 4.0)
     q, v, a = motion.position, motion.velocity, motion.acceleration
     power = np.sum(compute_link_torques(case.robot.joints, case.robot.gravity, q, v, a) * v, axis=1)
-    energy, x, y, angle, turn, dx, dy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    energy, x, y, angle, turn, dx, dy = np.zeros((7, len(q)))
     for j, joint in enumerate(case.robot.joints):
         angle, turn = angle + q[:, j], turn + v[:, j]
         c, length = joint["center_of_mass"], joint["length"]
@@ -305,7 +305,7 @@ def test_true_and_found_friction_are_put_side_by_side() -> None:
 
 def test_the_page_and_the_json_of_joints(tmp_path: Path) -> None:
     rows = [row(["coulomb_friction@1", "unknown@1"], [2.6]), row(["unknown@1"], [0.0]), row([], [], after=math.nan)]
-    found = make_report(Check("joint", 3, "s", 1, 24.0, tmp_path), label_seal.Seal("ab" * 32, 3), rows)
+    found = make_report(Check("joint", 3, "s", ClusterRequest(1), 24.0, tmp_path), label_seal.Seal("ab" * 32, 3), rows)
     content = json.loads(render_report(found), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     assert content["rows"][0]["remainder"] == ["unknown@1"] and content["rows"][0]["after_true"] == 10.0
     assert {"named", "sizes_within", "after_within", "sure_and_wrong"} <= {bar["figure"] for bar in content["bars"]}
@@ -325,7 +325,7 @@ text = " ".join(path.read_text() for path in Path().rglob("*.json")) + str(sorte
 with Path({seen!r}).open("a") as file:
     file.write(json.dumps([sys.argv[1], here, text]) + chr(10))
 if sys.argv[1] == "diagnose":
-    Path("out").mkdir()
+    Path("out").mkdir(exist_ok=True)
     Path("out/diagnosis.json").write_text(json.dumps({{"verdict": [], "sure": False, "causes": [], "hypotheses": [],
         "where": [], "gap": {{"before": 1.0, "after": 1.0, "flexible": None}}}}))
 else:
@@ -333,28 +333,48 @@ else:
 """
 
 
-def test_no_label_is_in_a_file_before_the_diagnosis_has_ended(tmp_path: Path) -> None:
+def test_seed_and_labels_stay_with_the_process_that_sealed_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither a file, nor what the diagnosis sees, nor a byte that goes to a worker has the seed or a label."""
+    from distributed.comm import utils
+
+    sent: list[bytes] = []
+    dumps = utils.protocol.dumps
+
+    def note(*arguments: object, **more: object) -> list[bytes]:
+        frames: list[bytes] = dumps(*arguments, **more)
+        sent.extend(bytes(frame) for frame in frames)
+        return frames
+
+    monkeypatch.setattr(utils.protocol, "dumps", note)
     program, seen, out = tmp_path / "hdagen.py", tmp_path / "seen", tmp_path / "out"
     program.write_text(STAND_IN.format(seen=str(seen)))
-    asked = Check("joint", 1, "a seed that nobody told", 1, 2.0, out, True, (sys.executable, str(program)))
+    command = (sys.executable, str(program))
+    asked = Check("joint", 1, "a seed that nobody told", ClusterRequest(1), 2.0, out, True, command)
+    rows, closed = sealed_check.run_check(asked, lambda _: None)
     case = draw_cases(asked.seed, asked.kind, 1)[0]
     folder = out / "cases" / case.name
-    folder.mkdir(parents=True)
-    (folder / "true.json").write_text(json.dumps(case.true_diagnosis()))  # as a kill may leave it
-    sealed_check._run_case(asked, 0, case, threading.Event())
     told = [json.loads(line) for line in seen.read_text().splitlines()]
     assert [one[0] for one in told] == ["diagnose", "replay", "replay", "replay"]
-    assert told[0][1] == ["log.parquet", "robot.toml"] and told[0][2].count("friction") == 0
+    assert told[0][1] == ["log.parquet", "out", "robot.toml"] and told[0][2].count("friction") == 0
     assert asked.seed not in "".join(one[2] for one in told)
-    assert "true.json" in told[3][1] and "friction" in told[3][2]
-    assert not (folder / "true.json").exists()
+    knowing = [one for one in told if "true.json" in one[1]]  # the replay with the truth, by the sealing process
+    assert len(knowing) == 1 and "friction" in knowing[0][2]
     result = json.loads((folder / "result.json").read_text())
-    assert set(result) == {"seconds", "code", "before", "after", "after_true"}
-    kept = "".join(path.read_text() for path in folder.rglob("*.json"))
-    assert "friction" not in kept and "friction" not in json.dumps(sorted(path.name for path in folder.rglob("*")))
+    assert set(result) == {"seconds", "code", "before", "after", "after_true"} and len(rows) == 1
+    kept = "".join(path.read_text() for path in out.rglob("*.json"))
+    assert "friction" not in kept and asked.seed not in kept
+    assert "friction" not in json.dumps(sorted(path.name for path in folder.rglob("*")))
     assert set(read(folder / "log.parquet").columns) == set(joint_reality.make_joint_log(_joint(case), "log", 0.1)) - {
         "time"
     }
+    label = case.label()
+    values = [repr(value) for one in _joint(case).friction_parameters().values() for value in one.values()]
+    secrets = [asked.seed, closed.digest, "true.json", *label["verdict"], *label.get("optional", ()), *values]
+    payloads = b"\0".join(sent)
+    assert (folder / "robot.toml").read_bytes() in payloads and (folder / "log.parquet").read_bytes() in payloads
+    assert [word for word in secrets if word.encode() in payloads] == []
 
 
 def _joint(case: Any) -> JointCase:

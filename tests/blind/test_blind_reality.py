@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -135,7 +136,7 @@ def test_the_generated_model_replays_a_reality_without_effects_at_the_noise(robo
     path.write_text(robot.toml())
     columns = log(robot, draw_rich_motion(11, 3.0))
     time = columns.pop("time")
-    found = replay(hdagen.load_robot(path, out=tmp_path), Log(time, columns, 2, "reality"))
+    found = replay(hdagen.load_robot(path), Log(time, columns, 2, "reality"))
     for name, noise in found.noise.items():
         # by window: one that starts where friction just holds or just lets go may differ
         error = np.split(found.columns[name] - columns[name], found.starts[1:])
@@ -153,7 +154,7 @@ def test_an_arm_that_is_asked_to_stand_stands(q: tuple[float, float]) -> None:
 
 
 def test_a_payload_weighs_what_it_weighs() -> None:
-    effects = ({}, {"payload": {"mass": 0.4}})
+    effects: tuple[dict[str, Any], ...] = ({}, {"payload": {"mass": 0.4}})
     now, before = (log(STANDING, still(2), e)["motor_position_1"][0] / 100 for e in (effects, NOTHING))
     springs = Springs(JOINTS[0])
     added = springs.torque(now) - springs.torque(before)  # of the first joint's springs, N m
@@ -205,7 +206,7 @@ def test_a_wall_stands_at_its_angle(j: int, side: float) -> None:
     time = np.arange(500) * PERIOD
     position = np.zeros((500, 2))
     position[:, j] = side * 0.2 * np.sin(np.pi * time / time[-1] / 2) ** 2
-    motion = Motion(time, position, np.gradient(position, PERIOD, axis=0), np.zeros((500, 2)))
+    motion = Motion(time, position, np.asarray(np.gradient(position, PERIOD, axis=0)), np.zeros((500, 2)))
     reached = side * log(FLAT, motion, effects)[f"joint_position_{j + 1}"]
     free = side * log(FLAT, motion)[f"joint_position_{j + 1}"]
     assert free.max() > 0.18 and 0.1 < reached.max() < 0.13
@@ -240,7 +241,7 @@ def lively() -> Motion:
     start = np.clip(time / 0.2, 0.0, 1.0) ** 2
     position = np.column_stack([0.5 * np.sin(2 * np.pi * time) + shake, 0.5 * np.sin(2 * np.pi * time) - shake])
     position *= start[:, None]
-    return Motion(time, position, np.gradient(position, PERIOD, axis=0), np.zeros((1000, 2)))
+    return Motion(time, position, np.asarray(np.gradient(position, PERIOD, axis=0)), np.zeros((1000, 2)))
 
 
 @pytest.fixture(scope="module")

@@ -17,15 +17,18 @@ import chromium
 import numpy as np
 import pytest
 from hostile_names import NAME, check_escaped
+from scipy.special import ndtri
 
 from hdagen.blind import blind_page, calibrate, label_seal, rates
 from hdagen.blind.blind_report import make_report, render_report
+from hdagen.blind.case_tasks import measure_replay_gap
 from hdagen.blind.confidence_intervals import estimate_mean, estimate_median, estimate_rate
 from hdagen.blind.parameter_errors import PARAMETER_COMPARISONS, compare_parameters
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
 from hdagen.blind.score_summary import accuracy_by_coverage, bin_by_confidence, count_confusions, summarize_rows
 from hdagen.blind.scores import Row, merge_equivalent, score_case
-from hdagen.blind.sealed_check import Check, _claim_folder, measure_replay_gap
+from hdagen.blind.sealed_check import Check, _claim_folder
+from hdagen.campaign.cluster_request import ClusterRequest
 from hdagen.diagnosis.decision import calibration
 from hdagen.log.measured_log import write
 
@@ -307,7 +310,7 @@ def test_the_summary_is_that_of_the_script_by_which_it_is_judged(tmp_path: Path)
         if said is None:
             continue  # the script leaves failures out of its rates
         gaps = {
-            w: measure_replay_gap(tmp_path / f"{folder.name}-{w}.parquet", folder / "hold_out.parquet", robot)
+            w: measure_replay_gap(tmp_path / f"{folder.name}-{w}.parquet", folder / "hold_out.parquet", robot.noise())
             for w in WHICH
         }
         rows.append(score_case(folder.name, label(*truth), told(*truth), {"seconds": 1.0} | gaps, said))
@@ -392,9 +395,10 @@ def test_a_seal_opens_for_its_labels_only() -> None:
 
 @pytest.mark.parametrize(("true", "lapse"), [(0.5, 0.0), (1.0, 0.05), (3.0, 0.0), (3.0, 0.1)])
 def test_temperature_and_lapse_are_found_again(true: float, lapse: float, tmp_path: Path) -> None:
-    rng = np.random.default_rng(2)
-    log_odds = rng.normal(4.0, 3.0, 20000)
-    right = rng.random(20000) < (1 - lapse) / (1 + np.exp(-log_odds / true))
+    """Outcomes come from an even sequence, and are then as exact as many times as many drawn by chance."""
+    case = np.random.default_rng(2).permutation(4000)
+    log_odds = 4.0 + 3.0 * ndtri((case + 0.5) / 4000)
+    right = case * (math.sqrt(5) - 1) / 2 % 1 < (1 - lapse) / (1 + np.exp(-log_odds / true))
     temperature, missed = calibrate.fit_calibration(log_odds, right)
     assert temperature == pytest.approx(max(true, 1.0), rel=0.1) and missed == pytest.approx(lapse, abs=0.02)
     assert calibrate.mean_log_loss(log_odds, right, temperature, missed) <= calibrate.mean_log_loss(
@@ -413,8 +417,8 @@ def test_temperature_and_lapse_are_found_again(true: float, lapse: float, tmp_pa
         label_seal.hash_seed("s"),
     )
     out.write_text(out.read_text().replace('"cases": 400', '"cases": 401'))
-    with pytest.raises(calibrate.CalibrationError, match="not as it was frozen"):
-        calibrate.read(out)
+    with pytest.raises(calibration.CalibrationError, match="not as it was frozen"):
+        calibration.read(out)
 
 
 def test_few_cases_that_are_nearly_all_right_are_no_proof_of_more() -> None:
@@ -427,10 +431,10 @@ def test_too_little_to_calibrate_on_is_refused(tmp_path: Path) -> None:
     right = [row(["payload@2"], diagnosis(["payload@2"], 0.9))]
     for rows, words in ((right * 3, "too few"), (right * 40, "no temperature is best")):
         source.write_text(calibrate.render_calibration_data(rows, "single", label_seal.hash_seed("s")))
-        with pytest.raises(calibrate.CalibrationError, match=words):
+        with pytest.raises(calibration.CalibrationError, match=words):
             calibrate.freeze_calibration([source], tmp_path / "out.json")
     source.write_text('{"schema": 1}')
-    with pytest.raises(calibrate.CalibrationError, match="cannot be read"):
+    with pytest.raises(calibration.CalibrationError, match="cannot be read"):
         calibrate.freeze_calibration([source], tmp_path / "out.json")
     assert not (tmp_path / "out.json").exists()
 
@@ -449,7 +453,9 @@ def _many(kind: str) -> list[Row]:
 
 @pytest.mark.parametrize("kind", ["single", "none", "unknown", "unknown+one", "pair", "task"])
 def test_the_page_and_the_json_of_every_kind(kind: str, tmp_path: Path) -> None:
-    found = make_report(Check(kind, 24, "s", 2, 10.0, tmp_path), label_seal.Seal("ab" * 32, 24), _many(kind))
+    found = make_report(
+        Check(kind, 24, "s", ClusterRequest(2), 10.0, tmp_path), label_seal.Seal("ab" * 32, 24), _many(kind)
+    )
     content = json.loads(render_report(found), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     assert content["kind"] == kind and len(content["rows"]) == 24 and content["seal"] == "ab" * 32
     assert {bar["figure"] for bar in content["bars"]} <= set(content["summary"])
@@ -460,7 +466,7 @@ def test_the_page_and_the_json_of_every_kind(kind: str, tmp_path: Path) -> None:
 
 def test_what_a_kill_left_of_the_seal_is_no_other_check(tmp_path: Path) -> None:
     (tmp_path / ".seal.part-0123456789abcdef.json").write_text('{"seal": "ab')
-    _claim_folder(Check("single", 1, "s", 1, 10.0, tmp_path), label_seal.Seal("ab" * 32, 1))
+    _claim_folder(Check("single", 1, "s", ClusterRequest(1), 10.0, tmp_path), label_seal.Seal("ab" * 32, 1))
     assert [path.name for path in tmp_path.iterdir()] == ["seal.json"]
 
 
@@ -468,7 +474,7 @@ def test_names_that_are_html_are_text(tmp_path: Path) -> None:
     rows = [replace(row, name=f"{row.name} {NAME}", failed=row.failed and NAME) for row in _many("single")]
     blind_page.write_page(
         tmp_path / "x.html",
-        make_report(Check("single", 24, NAME, 2, 10.0, Path(NAME)), label_seal.Seal(NAME, 24), rows),
+        make_report(Check("single", 24, NAME, ClusterRequest(2), 10.0, Path(NAME)), label_seal.Seal(NAME, 24), rows),
     )
     check_escaped((tmp_path / "x.html").read_text(), 2)
 
@@ -478,7 +484,7 @@ def test_checks_of_one_kind_are_counted_together(kind: str, tmp_path: Path) -> N
     rows = _many(kind)
 
     def check(some: list[Row], seed: str, kind: str = kind) -> dict[str, Any]:
-        asked = Check(kind, len(some), seed, 2, 10.0, tmp_path)
+        asked = Check(kind, len(some), seed, ClusterRequest(2), 10.0, tmp_path)
         return dict(json.loads(render_report(make_report(asked, label_seal.Seal("ab" * 32, len(some)), some))))
 
     def but_for_time(combined: dict[str, Any]) -> dict[str, Any]:
@@ -527,7 +533,10 @@ def test_checks_of_one_kind_are_counted_together(kind: str, tmp_path: Path) -> N
 def test_the_page_opens_in_silence(tmp_path: Path, width: int) -> None:
     path = tmp_path / "blind.html"
     blind_page.write_page(
-        path, make_report(Check("single", 24, "s", 2, 10.0, tmp_path), label_seal.Seal("0" * 64, 24), _many("single"))
+        path,
+        make_report(
+            Check("single", 24, "s", ClusterRequest(2), 10.0, tmp_path), label_seal.Seal("0" * 64, 24), _many("single")
+        ),
     )
     with chromium.browser() as tab:
         tab.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import os
 import re
@@ -102,12 +103,10 @@ def test_flags_processor_and_versions_are_in_the_name(stub: Path, monkeypatch: p
     with monkeypatch.context() as m:
         m.setitem(compiler.PROFILES, "portable", ("-O1",))
         assert hash_build(b"", "portable", ()) != portable
-    version = builds.importlib.metadata.version
+    version = importlib.metadata.version
     for package in ("casadi", "numpy"):
         with monkeypatch.context() as m:
-            m.setattr(
-                builds.importlib.metadata, "version", lambda p, changed=package: "0" if p == changed else version(p)
-            )
+            m.setattr(importlib.metadata, "version", lambda p, changed=package: "0" if p == changed else version(p))
             assert hash_build(b"", "portable", ()) != portable
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,7 @@ from stub_compiler import stub_compiler
 
 from gen.__main__ import main
 from gen.builder import build as builds
+from gen.builder import compiler
 from gen.builder.robot_check import report_robot
 from gen.builder.step_stability import LARGEST_ACCURATE_MODE, LARGEST_STABLE_MODE, StepExamination, examine_step
 from gen.effects import ALL, NOMINAL
@@ -75,6 +77,12 @@ def test_fastest_mode_of_one_spring_is_that_of_two_masses(tmp_path: Path) -> Non
     limited = text.replace("viscous_friction = 0.0001", "viscous_friction = 0.0") + "[joint.limits]\ntorque = 40.0\n"
     robot, found = examined(tmp_path, limited)
     joint, p = robot.joints[0], robot.joints[0].drive
+    assert (
+        p.flexspline_stiffness
+        and p.flexspline_stiffening
+        and p.wave_generator_stiffness
+        and p.wave_generator_stiffening
+    )
     link = joint.link.inertia.nominal + joint.mass.nominal * joint.link.center_of_mass.nominal**2
     rotor = p.ratio.nominal**2 * p.motor_inertia.nominal
     for mode, torque in ((found.unloaded, 0.0), (found.loaded, 40.0)):
@@ -231,7 +239,7 @@ def test_report_says_what_a_build_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("CC", str(stub_compiler(tmp_path)))
-    builds.compiler.find_compiler.cache_clear()
+    compiler.find_compiler.cache_clear()
     try:
         (tmp_path / "robot.toml").write_text(arm("R", rigid="r", drive="friction_smoothing = 1.0"))
         out = ["--out", str(tmp_path / "build"), "--effects", "presliding_friction", "--profile", "native"]
@@ -244,7 +252,7 @@ def test_report_says_what_a_build_is(
         assert main(["check", str(tmp_path / "robot.toml"), *out]) == 0
         after = capsys.readouterr().out.splitlines()
         assert after == [*before[:-1], f"{folder} (native) is there"]
-        manifest = builds.json.loads((Path(folder) / "manifest.json").read_text())
+        manifest = json.loads((Path(folder) / "manifest.json").read_text())
         sizes = [len(manifest[what]) for what in ("state", "input", "parameters")]
         assert after[0] == (
             f"test arm: 1 joint, {sizes[0]} states, {sizes[1]} inputs, {sizes[2]} parameters, "
@@ -253,18 +261,18 @@ def test_report_says_what_a_build_is(
         for effect in manifest["effects"]:
             assert any(effect["name"] in line and effect["citation"] in line for line in after)
     finally:
-        builds.compiler.find_compiler.cache_clear()
+        compiler.find_compiler.cache_clear()
 
 
 def test_check_without_a_compiler_still_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "/nowhere/cc")
-    builds.compiler.find_compiler.cache_clear()
+    compiler.find_compiler.cache_clear()
     try:
         lines, fits = report_robot("emps", out=tmp_path)
         assert fits
         assert lines[-1].startswith("cannot be built here: $CC: found /nowhere/cc")
     finally:
-        builds.compiler.find_compiler.cache_clear()
+        compiler.find_compiler.cache_clear()
 
 
 def test_check_of_many_joints_with_every_effect(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def test_windows_begin_with_a_memory_that_is_given(build: Builder, profile: str,
         x = np.empty((lanes, 58, nx))
         arm.module.windows(begun, own, cut, u, c, dt, added, limit, x, 5e-4, lanes)
         found.append(x)
-    assert np.array_equal(*found)
+    assert np.array_equal(found[0], found[1])
     x = np.empty((lanes, 59, nx))
     arm.module.windows(begun, memory, edges, u, c, dt, None, limit, x, 5e-4, lanes)
     assert np.array_equal(x[:, 30, 8:], memory[:, 1])  # not what the window before left

@@ -258,7 +258,9 @@ def test_coupled_joints_obey_coulombs_law(build: Builder, robot: str, torque: fl
     assert (np.abs(friction) - level)[~slides].max() < 1e-4
 
 
-CASES = {  # robot, amplitudes of the inputs of the joints, parameters
+CASES: dict[
+    str, tuple[str, tuple[float, ...], dict[str, float]]
+] = {  # robot, amplitudes of the inputs of the joints, parameters
     "springs": ("paper_table1", (2.0, 1.6), {}),
     "light springs": ("paper", (2.0, 0.9), {}),
     "rigid, coupled": ("dfki_1_0", (0.1, 0.08), {}),

@@ -7,9 +7,11 @@ import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from kept_builds import find_builds
 
 from gen.builder import function_timing
 from gen.builder.build import assemble_library
@@ -85,14 +87,16 @@ def test_a_missed_bar_is_exit_code_1(
 
 
 def test_of_another_robot_there_are_times_and_no_bars(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     contest = {who: {"row": [3.0], "single": [1.0, 2.0, 3.0, 4.0]} for who in benchmark.CONTESTANTS}
     asked = []
-    monkeypatch.setattr(
-        benchmark, "_race_functions", lambda robot, rounds: asked.append(robot) or {"rhs": contest, "step": contest}
-    )
-    monkeypatch.setenv("HDAGEN_BUILD", str(tmp_path))
+
+    def race(robot: str, rounds: int) -> dict[str, Any]:
+        asked.append(robot)
+        return {"rhs": contest, "step": contest}
+
+    monkeypatch.setattr(benchmark, "_race_functions", race)
     monkeypatch.setattr(benchmark, "ROLLOUT_STEPS", 50)
     found = benchmark.run_bench(1, lambda words: None, "emps")
     assert asked == ["emps"] and found.bars == ()
@@ -119,8 +123,8 @@ def test_a_child_that_fails_says_why() -> None:
 # -- contestants ------------------------------------------------------------------------------------------------------
 
 
-def test_contestants_take_turns_at_every_function(tmp_path: Path) -> None:
-    found = function_timing.measure_times("emps", tmp_path, rounds=3)
+def test_contestants_take_turns_at_every_function() -> None:
+    found = function_timing.measure_times("emps", find_builds(), rounds=3)
     assert {"prepare", "rhs", "step", "rhs_jacobian", "outputs", "impedance_joint_tick"} <= set(found)
     for contest in found.values():
         assert set(contest) == set(benchmark.CONTESTANTS)
@@ -130,11 +134,11 @@ def test_contestants_take_turns_at_every_function(tmp_path: Path) -> None:
             assert times["single"] == sorted(times["single"])
 
 
-def test_contestants_compute_the_same(tmp_path: Path) -> None:
+def test_contestants_compute_the_same() -> None:
     """Portable and CasADi's C to the bit of the interpreter's outputs, native within its bound."""
     made, _, _ = assemble_library("emps", describe("emps"), ())
     graphs = {f.name: f.graph for f in made.functions} | {"step": function_timing.make_step_graph(made)}
-    builds = {profile: make("emps", profile, tmp_path)[0] for profile in ("native", "portable")}
+    builds = {profile: make("emps", profile, find_builds())[0] for profile in ("native", "portable")}
     p = np.array([[q.nominal for q in made.graphs.model.quantities]])
     c = np.array(graphs["prepare"](p.ravel())).T
     known = {
@@ -165,9 +169,9 @@ def test_contestants_compute_the_same(tmp_path: Path) -> None:
                 assert not (theirs == 7.0).any(), name  # everything was written
 
 
-def test_the_timed_step_is_the_compiled_step(tmp_path: Path) -> None:
+def test_the_timed_step_is_the_compiled_step() -> None:
     made, _, _ = assemble_library("emps", describe("emps"), ())
-    arm = load("emps", out=tmp_path)
+    arm = load("emps")
     given = function_timing.sample_states(made.graphs.model, 50)
     theirs = np.array(function_timing.make_step_graph(made)(given["x"].T, given["u"].T, arm.c, arm.step_size)).T
     ours = np.array([arm.step(x, u) for x, u in zip(given["x"], given["u"], strict=True)])
@@ -177,29 +181,28 @@ def test_the_timed_step_is_the_compiled_step(tmp_path: Path) -> None:
 # -- loops ------------------------------------------------------------------------------------------------------------
 
 
-def test_loops_fill_every_bar_that_rests_on_them(tmp_path: Path) -> None:
-    times, bars = benchmark._time_loops(load("emps", out=tmp_path), rounds=2)
+def test_loops_fill_every_bar_that_rests_on_them() -> None:
+    times, bars = benchmark._time_loops(load("emps"), rounds=2)
     assert set(bars) == {"batch_against_native_step", "python_call_over_empty_call", "rollout_against_its_loop"}
     assert all(len(values) == 2 for values in (*times.values(), *bars.values()))
     assert all((values > 0).all() for values in times.values())
 
 
-def test_ticks_of_every_controller_run_without_a_fault(tmp_path: Path) -> None:
-    arm = load("paper_table1", out=tmp_path)
+def test_ticks_of_every_controller_run_without_a_fault() -> None:
+    arm = load("paper_table1")
     assert len(benchmark._time_ticks(arm, rounds=1)) == len(arm.manifest["controllers"]) == 5
 
 
 def test_bristles_of_the_robot_file_are_integrated_within_the_bar(tmp_path: Path) -> None:
     """They have the L-stable step, of which the bar and what it costs speak."""
-    arm = load(benchmark._write_bristle_robot(tmp_path / "bristles.toml", 2), out=tmp_path)
+    arm = load(benchmark._write_bristle_robot(tmp_path / "bristles.toml", 2))
     assert arm.manifest["stiff"] and "memory_step" not in arm.parameters
     assert [arm.parameters[f"presliding_share_{j}"] for j in (1, 2)] == [1.0, 1.0]
     assert benchmark._measure_link_error(arm) <= BARS["error_with_bristles"]["bar"]
 
 
 @pytest.mark.campaign
-def test_the_whole_bench_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("HDAGEN_BUILD", str(tmp_path))
+def test_the_whole_bench_runs() -> None:
     found = benchmark.run_bench(2, lambda words: None)
     assert {bar.name for bar in found.bars} == set(BARS)
     exact = {bar.name: bar for bar in found.bars if bar.name.startswith("error")}

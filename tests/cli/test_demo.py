@@ -1,4 +1,4 @@
-"""`hdagen demo`: the pushed tip stays near the ideal, and the check can fail; page and shipped log are whole."""
+"""`hdagen demo`: the hidden effect is adopted and proved, the pushed tip stays near the ideal, and bars can fail."""
 
 from __future__ import annotations
 
@@ -19,29 +19,40 @@ import chromium
 import numpy as np
 import pytest
 from hostile_names import NAME, check_escaped
+from kept_builds import find_builds
 
 from hdagen.arm.build_loader import PlantError
+from hdagen.arm.compiled_arm import load
 from hdagen.cli import demo as demo_command
-from hdagen.demo import demo_page, demo_runs, shipped_logs
+from hdagen.demo import demo_page, demo_runs, leg_diagnosis
+from hdagen.diagnosis import pipeline
 from hdagen.log import measured_log
-from hdagen.pages import page
+from hdagen.model_export.mujoco_machine import MUJOCO_MISSING
+from hdagen.prediction.window_replay import replay
 
 ROOT = Path(__file__).resolve().parents[2]
-LOG = ROOT / "hdagen" / "data" / "mujoco_log.parquet"
-SCRIPT = ROOT / "docs" / "examples" / "mujoco_log" / "make_log.py"
+DATA = ROOT / "hdagen" / "data"
+LOGS = {  # that ship, and the scripts that made them
+    "mujoco_log": ROOT / "docs" / "examples" / "mujoco_log" / "make_log.py",
+    "leg_log": ROOT / "docs" / "examples" / "leg_log" / "make_log.py",
+}
+STORED = Path(__file__).with_name("leg_diagnosis.json")  # of the leg's log; the README's command makes it anew
 
 
 @pytest.fixture(scope="module")
-def builds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("build")
-
-
-@pytest.fixture(scope="module")
-def user(builds: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """What differs in the environment of a user who has the package and no measured logs."""
+def user() -> dict[str, str]:
+    """What differs in the environment of a user who has the package."""
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-    none = tmp_path_factory.mktemp("none")
-    return {"HDAGEN_BUILD": str(builds), "HDAGEN_DATA": str(none), "PYTHONPATH": path}
+    return {"HDAGEN_BUILD": str(find_builds()), "PYTHONPATH": path}
+
+
+class StoredDiagnosis:
+    """The stored diagnosis in the place of one that takes half a minute."""
+
+    def __init__(self, robot: Path, logs: list[measured_log.Log]) -> None:
+        (log,) = logs
+        assert robot.name == "leg.toml" and Path(log.source).name == "leg_log.parquet"
+        self.content = json.loads(STORED.read_text("utf-8"))
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +60,7 @@ def shown(user: dict[str, str]) -> demo_runs.DemoResult:
     with pytest.MonkeyPatch.context() as patch:
         for name, value in user.items():
             patch.setenv(name, value)
+        patch.setattr(leg_diagnosis, "diagnose", StoredDiagnosis)
         return demo_runs.run_demo()
 
 
@@ -56,6 +68,7 @@ def shown(user: dict[str, str]) -> demo_runs.DemoResult:
 def here(tmp_path: Path, user: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty current directory of that user."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(leg_diagnosis, "diagnose", StoredDiagnosis)
     for name, value in user.items():
         monkeypatch.setenv(name, value)
     return tmp_path
@@ -112,25 +125,91 @@ def test_friction_and_pushes_are_on(shown: demo_runs.DemoResult) -> None:
 def test_a_missed_bar_is_said_and_is_exit_code_1(
     shown: demo_runs.DemoResult, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    missed = demo_runs.DemoResult(
-        shown.arm, (shown.uncompensated_run,), shown.uncompensated_run, shown.torque_estimates, shown.replays
-    )
+    missed = dataclasses.replace(shown, circle_runs=(shown.uncompensated_run,))
     monkeypatch.setattr(demo_runs, "run_demo", lambda *_, **__: missed)
     assert command() == 1
     assert "The bar is missed" in capsys.readouterr().out
     assert "misses the bar" in (here / "hdagen-demo.html").read_text("utf-8")
 
 
+# -- the diagnosis ----------------------------------------------------------------------------------------------------
+
+
+def test_the_hidden_effect_is_adopted_and_proved_in_mujoco(shown: demo_runs.DemoResult) -> None:
+    leg = shown.leg
+    assert leg.names_hidden_effect and leg.meets_bar and leg.proof is not None
+    named, further = leg.split_changes()
+    assert [change.where for change in named] == ["joint[2].drive.coulomb_friction"]
+    assert named[0].before == 0.02 and named[0].after == pytest.approx(3.0 * 0.02, rel=0.02)  # the truth
+    for change in further:
+        if change.where.endswith("friction_smoothing"):  # of the integration
+            continue
+        assert abs(change.after - (change.before or 0.0)) < 0.15 * abs(change.before or 1.0), change.where
+    first, second, ours_first, ours_second = leg.proof.gaps
+    assert second < 0.02 * first and ours_second < 0.02 * ours_first
+    assert leg.exported is not None and leg.exported.left_out == {}
+    for one in leg.joints:
+        assert np.abs(one.after - one.measured).max() < 0.1 * np.abs(one.before - one.measured).max()
+    assert 'joint name="knee"' in leg.model and 'frictionloss="0.53' in leg.model  # 9 times 0.06 N m
+
+
+def test_a_missed_effect_is_said(
+    shown: demo_runs.DemoResult, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = dict(shown.leg.content) | {"verdict": ["unknown@2"]}
+    missed = dataclasses.replace(shown, leg=dataclasses.replace(shown.leg, content=content))
+    assert not missed.meets_bar
+    monkeypatch.setattr(demo_runs, "run_demo", lambda *_, **__: missed)
+    assert command() == 1
+    assert "coulomb_friction@2 must be found" in capsys.readouterr().out
+    assert "names unknown@2 and misses the hidden effect" in (here / "hdagen-demo.html").read_text("utf-8")
+
+
+def test_without_mujoco_the_demo_ends_after_adopt_with_one_line(
+    shown: demo_runs.DemoResult, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def miss() -> None:
+        raise PlantError(MUJOCO_MISSING)
+
+    monkeypatch.setattr(leg_diagnosis, "import_mujoco", miss)
+    leg = leg_diagnosis.diagnose_leg("portable", lambda _: None)
+    assert leg.proof is None and leg.meets_bar and leg.adopted.changes
+    monkeypatch.setattr(demo_runs, "run_demo", lambda *_, **__: dataclasses.replace(shown, leg=leg))
+    assert command() == 0
+    assert capsys.readouterr().out.count("hdagen[mujoco]") == 1
+    text = (here / "hdagen-demo.html").read_text("utf-8")
+    assert "Proved in MuJoCo" not in text and "hdagen[mujoco]" in text
+
+
+def test_the_last_line_is_for_the_users_own_robot(
+    shown: demo_runs.DemoResult, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(demo_runs, "run_demo", lambda *_, **__: shown)
+    assert command() == 0
+    assert capsys.readouterr().out.splitlines()[-1].endswith(f"Your own robot: {demo_page.OWN_ROBOT}")
+    assert demo_page.OWN_ROBOT in (here / "hdagen-demo.html").read_text("utf-8")
+
+
 def test_names_that_are_html_are_text(shown: demo_runs.DemoResult, tmp_path: Path) -> None:
-    (replayed,) = shown.replays
-    odd = dataclasses.replace(
-        replayed, name=NAME, notes=(NAME,), joints=tuple(dataclasses.replace(c, name=NAME) for c in replayed.joints)
-    )
-    demo_page.write_demo_page(tmp_path / "page.html", dataclasses.replace(shown, replays=(odd,)))
+    cause = dict(shown.leg.content["causes"][0]) | {"parameters": {NAME: {"value": 1.0, "std": 1.0, "unit": NAME}}}
+    content = dict(shown.leg.content) | {"causes": [cause], "verdict": [f"{cause['effect']}@{cause['joint']}", NAME]}
+    content["hypotheses"] = [{"effects": [NAME], "probability": 1.0}]
+    odd = dataclasses.replace(shown, leg=dataclasses.replace(shown.leg, content=content))
+    demo_page.write_demo_page(tmp_path / "page.html", odd)
     check_escaped((tmp_path / "page.html").read_text(encoding="utf-8"), 3)
 
 
-# -- estimate and replay ----------------------------------------------------------------------------------------------
+@pytest.mark.campaign
+def test_the_stored_diagnosis_is_found_anew() -> None:
+    log = measured_log.read(DATA / "leg_log.parquet", joints=2)
+    found, stored = pipeline.diagnose(DATA / "leg.toml", [log]).content, json.loads(STORED.read_text("utf-8"))
+    assert found["verdict"] == stored["verdict"] and found["sure"]
+    assert found["robot"]["identity"] == stored["robot"]["identity"]
+    assert found["gap"]["after"] == pytest.approx(stored["gap"]["after"], rel=0.2)
+    assert found["data"]["hold_out"][0]["spans"] == stored["data"]["hold_out"][0]["spans"]
+
+
+# -- the torque estimate ----------------------------------------------------------------------------------------------
 
 
 def test_the_torque_is_estimated_from_the_log_alone(shown: demo_runs.DemoResult) -> None:
@@ -154,66 +233,59 @@ def _without(followed: demo_runs.CircleRun, channel: str) -> demo_runs.CircleRun
     return dataclasses.replace(followed, simulation=simulation)
 
 
-def test_the_shipped_log_is_replayed_with_a_small_gap_that_is_one(shown: demo_runs.DemoResult) -> None:
-    (replayed,) = shown.replays
-    assert not replayed.is_measured
-    for channel in replayed.joints:
-        resolution = shown.arm.robot["joints"][0]["sensor"]["joint_encoder_resolution"]
-        assert (
-            10 * resolution < channel.rms_residual < 0.01 * channel.motion_rms
-        )  # no copy of itself, and under 1 % of the motion
-
-
-def test_emps_is_replayed_where_its_data_are(builds: Path, data_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HDAGEN_BUILD", str(builds))
-    monkeypatch.setenv("HDAGEN_DATA", str(data_dir))
-    folder = shipped_logs.find_data_folder()
-    if folder is None:
-        pytest.skip(f"no EMPS: {data_dir} has no {shipped_logs.EMPS_FILE}")
-    replayed = shipped_logs.replay_emps_log(demo_runs.load("emps"), folder)
-    assert replayed.is_measured
-    assert [channel.unit for channel in replayed.joints] == ["m"]
-    assert replayed.joints[0].rms_residual < 0.25e-3  # m, issue's figure for identification
-
-
-def test_emps_columns_are_those_of_the_example() -> None:
-    packaged = (ROOT / "hdagen" / "data" / "emps_columns.toml").read_bytes()
-    assert packaged == (ROOT / "docs" / "examples" / "emps" / "columns.toml").read_bytes()
-
-
-# -- the log that ships -----------------------------------------------------------------------------------------------
+# -- the logs that ship -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def make_log() -> ModuleType:
-    pytest.importorskip("mujoco", reason="MuJoCo, of the test extra, makes the log")
-    spec = importlib.util.spec_from_file_location("make_log", SCRIPT)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def scripts() -> dict[str, ModuleType]:
+    pytest.importorskip("mujoco", reason="MuJoCo, of the test extra, makes the logs")
+    found = {}
+    for name, script in LOGS.items():
+        spec = importlib.util.spec_from_file_location(f"make_{name}", script)
+        assert spec is not None and spec.loader is not None
+        found[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(found[name])
+    return found
 
 
-def test_the_script_makes_the_log_that_ships(make_log: ModuleType) -> None:
-    joints = tomllib.loads(make_log.ROBOT.read_text("utf-8"))["joint"]
-    again, stored = make_log.simulate(joints), measured_log.read(LOG, joints=2)
+def read_joints(script: ModuleType) -> list[dict[str, Any]]:
+    return tomllib.loads(script.ROBOT.read_text("utf-8"))["joint"]
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_the_script_makes_the_log_that_ships(scripts: dict[str, ModuleType], name: str) -> None:
+    again = scripts[name].simulate(read_joints(scripts[name]))
+    stored = measured_log.read(DATA / f"{name}.parquet", joints=2)
     assert set(again) == {"time", *stored.columns}
-    for name, values in again.items():
+    for column, values in again.items():
         # another processor rounds otherwise, and a count of an encoder or a mA may fall on the other side
-        size = np.sqrt(np.mean((stored[name] - stored[name].mean()) ** 2))
-        assert np.sqrt(np.mean((values - stored[name]) ** 2)) <= 1e-3 * size, name
+        size = np.sqrt(np.mean((stored[column] - stored[column].mean()) ** 2))
+        assert np.sqrt(np.mean((values - stored[column]) ** 2)) <= 1e-3 * size, column
 
 
-def test_another_seed_makes_other_noise_and_the_same_motion(make_log: ModuleType) -> None:
-    joints = tomllib.loads(make_log.ROBOT.read_text("utf-8"))["joint"]
-    again, stored = make_log.simulate(joints, make_log.SEED + 1), measured_log.read(LOG, joints=2)
+def test_another_seed_makes_other_noise_and_the_same_motion(scripts: dict[str, ModuleType]) -> None:
+    script = scripts["mujoco_log"]
+    again = script.simulate(read_joints(script), script.SEED + 1)
+    stored = measured_log.read(DATA / "mujoco_log.parquet", joints=2)
     assert not np.array_equal(again["motor_current_1"], stored["motor_current_1"])
     assert np.array_equal(again["joint_position_1"], stored["joint_position_1"])
 
 
-def test_the_shipped_log_is_small_and_says_that_it_is_simulated() -> None:
-    assert LOG.stat().st_size < 1.5e6
-    assert "SIMULATED" in (LOG.parent / "README.md").read_text("utf-8")
+def test_nothing_but_the_knees_friction_is_hidden_in_the_legs_log(scripts: dict[str, ModuleType]) -> None:
+    """Without it the model of the robot file follows MuJoCo."""
+    script, arm = scripts["leg_log"], load(DATA / "leg.toml")
+    columns = script.simulate(read_joints(script), knee_friction=1.0)
+    columns = {column: np.ascontiguousarray(values) for column, values in columns.items()}
+    log = measured_log.Log(columns.pop("time"), columns, 2, "the leg as its file says")
+    errors = replay(arm, log, 0.25).errors
+    assert max(errors[f"joint_position_{j}"] for j in (1, 2)) < 1e-3  # rad
+
+
+def test_the_shipped_logs_are_small_and_said_to_be_simulated() -> None:
+    said = (DATA / "README.md").read_text("utf-8")
+    for name in LOGS:
+        assert (DATA / f"{name}.parquet").stat().st_size < 1e6
+        assert f"`{name}.parquet`: a log that is **SIMULATED**" in said
 
 
 # -- the page ---------------------------------------------------------------------------------------------------------
@@ -222,8 +294,7 @@ def test_the_shipped_log_is_small_and_says_that_it_is_simulated() -> None:
 def test_the_page_is_small_and_the_same_each_time(
     here: Path, shown: demo_runs.DemoResult, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert command("--out", "one.html") == 0
-    capsys.readouterr()
+    demo_page.write_demo_page(here / "one.html", shown)
     assert command("--out", "two.html", "--json") == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed.pop("machine")["casadi"]
@@ -240,7 +311,7 @@ def test_the_page_says_its_numbers_and_what_is_simulated(shown: demo_runs.DemoRe
     text = (tmp_path / "page.html").read_text("utf-8")
     for one in shown.circle_runs:
         assert f"{100 * one.gap_share:.1f}\N{NO-BREAK SPACE}%" in demo_page.format_demo_verdict(shown)
-    assert "This log is simulated, not measured" in text
+    assert "The log is simulated, not measured" in text
     assert demo_page.format_demo_verdict(shown) in text
 
 
@@ -279,12 +350,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
 
 @pytest.mark.parametrize(
     ("module", "name"),
-    [
-        (demo_runs, "estimate_torques"),
-        (demo_runs, "replay_shipped_log"),
-        (demo_page, "format_demo_verdict"),
-        (page.os, "replace"),
-    ],
+    [(leg_diagnosis, "write_export"), (demo_page, "format_demo_verdict"), (os, "replace")],
 )
 def test_an_interrupt_leaves_nothing_half_written(
     here: Path, shown: demo_runs.DemoResult, monkeypatch: pytest.MonkeyPatch, module: Any, name: str
@@ -295,6 +361,8 @@ def test_an_interrupt_leaves_nothing_half_written(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
+        if module is not leg_diagnosis:
+            patch.setattr(demo_runs, "run_demo", lambda *_, **__: shown)
         patch.setattr(module, name, interrupt)
         with pytest.raises(KeyboardInterrupt):
             command("--out", "page.html")
@@ -302,12 +370,13 @@ def test_an_interrupt_leaves_nothing_half_written(
     assert (here / "page.html").read_text() == "an earlier page"
 
 
-def test_control_c_ends_with_130(here: Path, shown: demo_runs.DemoResult) -> None:
+def test_control_c_ends_with_130(here: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     words = [sys.executable, "-m", "hdagen", "demo", "--out", "page.html"]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+    environment = {**os.environ, "HDAGEN_BUILD": str(tmp_path_factory.mktemp("build"))}
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stderr is not None
         heard = ""
-        while "simulating impedance" not in heard:
+        while "building leg" not in heard:
             heard = process.stderr.readline()
             assert heard, "the demo ended before it was interrupted"
         process.send_signal(signal.SIGINT)

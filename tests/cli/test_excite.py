@@ -63,16 +63,17 @@ TYPICAL = {  # usual sizes by effect, as the robot's numbers and the effects' so
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
-    out = tmp_path_factory.mktemp("one")
-    (out / "one.toml").write_text(ONE)
-    return load(out / "one.toml", "native", ("all",), out)
+    file = tmp_path_factory.mktemp("one") / "one.toml"
+    file.write_text(ONE)
+    return load(file, "native", ("all",))
 
 
 @pytest.fixture
-def robot(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> str:
+def robot(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The robot file of the arm, whose build is at hand."""
-    monkeypatch.setenv("HDAGEN_BUILD", str(arm.folder.parent))
-    return str(arm.folder.parent / "one.toml")
+    file = tmp_path_factory.mktemp("robot") / "one.toml"
+    file.write_text(ONE)
+    return str(file)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +127,8 @@ def test_logs_are_told_apart_by_as_much_as_was_predicted(arm: Arm, pair: tuple[s
 def test_the_motion_that_is_predicted_to_be_better_is_better(arm: Arm) -> None:
     """The stubborn pair of viscous and thermal friction: order of four motions, from little to plenty."""
     pair = ("viscous_friction", "thermal_friction")
-    predicted, seen = [], []
+    predicted: list[float] = []
+    seen: list[float] = []
     for name, limits in (("fine reversals", {}), ("multisine to 25 Hz", {}), (SLOW, {"speed": (0.1,)}), (MIXED, {})):
         made = kept(arm, name, **limits)
         predicted += predict_separations(arm, [f"{n}@1" for n in pair], made).values()
@@ -307,11 +309,16 @@ def test_what_cannot_be_is_refused_in_one_sentence(
 
 
 @pytest.fixture(scope="module")
-def level(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+def level_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The one joint where gravity does not act: friction and inertia alone are in the way."""
-    out = tmp_path_factory.mktemp("level")
-    (out / "level.toml").write_text(ONE.replace("gravity = [0.0, -9.81]", "gravity = [0.0, 0.0]"))
-    return load(out / "level.toml", "native", ("all",), out)
+    file = tmp_path_factory.mktemp("level") / "level.toml"
+    file.write_text(ONE.replace("gravity = [0.0, -9.81]", "gravity = [0.0, 0.0]"))
+    return file
+
+
+@pytest.fixture(scope="module")
+def level(level_file: Path) -> Arm:
+    return load(level_file, "native", ("all",))
 
 
 STILL = {  # limits within which the joint rests, and the one that the sentence names, with its unit
@@ -325,15 +332,18 @@ STILL = {  # limits within which the joint rests, and the one that the sentence 
 
 @pytest.mark.parametrize("limit", STILL)
 def test_limits_within_which_nothing_is_seen_to_move_are_refused_before_the_model_is_made(
-    level: Arm, limit: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    level_file: Path,
+    limit: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
         "hdagen.excitation.optimal_motion.predict_separations", lambda *_: pytest.fail("the costly part was begun")
     )
-    monkeypatch.setenv("HDAGEN_BUILD", str(level.folder.parent))
     pair = ["--separate", "stribeck_friction,presliding_friction", "--duration", "2"]
-    assert main(["excite", str(level.folder.parent / "level.toml"), *pair, "--limits", limit]) == 2
+    assert main(["excite", str(level_file), *pair, "--limits", limit]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.lstrip()[:1].isdigit()]
     assert len(lines) == 1 and lines[0].endswith("; widen the limits."), lines
     assert lines[0].startswith(

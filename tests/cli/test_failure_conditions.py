@@ -19,13 +19,14 @@ from test_json_of_commands import FOUND
 
 from hdagen.__main__ import UNFORESEEN_ERROR, main
 from hdagen.arm import compiled_arm
+from hdagen.campaign.task import Outcome, Status
 from hdagen.cli.failure_conditions import CONDITION_MET
 from hdagen.diagnosis import pipeline
 from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.report import report_page, sentences
 from hdagen.diagnosis.search import hypothesis_search
 from hdagen.diagnosis.stages.stage import Stage
-from hdagen.fleet import fleet_diagnosis, fleet_page
+from hdagen.fleet import fleet_diagnosis, fleet_page, machine_task
 
 Run = Callable[..., int]
 EFFECTS = [{"name": "payload", "joints": [1]}, {"name": "gravity", "joints": [0]}]
@@ -61,8 +62,8 @@ def diagnose(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
             return Diagnosis(result, "robot.toml", ("log.csv",), ())
 
         def diagnose_all(machines: Any, *_: Any) -> Any:
-            status = fleet_diagnosis.Status.DIAGNOSED
-            return [fleet_diagnosis.MachineResult(one, status, diagnosis=content) for one in machines], False
+            outcome = Outcome(Status.DONE, machine_task.summarize_diagnosis(content))
+            return [fleet_diagnosis.MachineResult(one, outcome) for one in machines], False
 
         monkeypatch.setattr(pipeline, "diagnose", find)
         monkeypatch.setattr(fleet_diagnosis, "diagnose_fleet", diagnose_all)

@@ -15,10 +15,11 @@ import pytest
 from hdagen.__main__ import COMMANDS, build_parser, main
 from hdagen.blind import blind_page, blind_report
 from hdagen.blind import sealed_check as blind_run
+from hdagen.campaign.task import Outcome, Status
 from hdagen.diagnosis import pipeline
 from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.report import report_page
-from hdagen.fleet import fleet_diagnosis, fleet_page
+from hdagen.fleet import fleet_diagnosis, fleet_page, machine_task
 from hdagen.support.version import __version__
 
 ROOT = Path(__file__).parents[2]
@@ -97,7 +98,7 @@ def test_a_fleet_is_printed_as_json(
 ) -> None:
     def diagnosed(machines: Any, *_: Any) -> Any:
         return [
-            fleet_diagnosis.MachineResult(machine, fleet_diagnosis.Status.DIAGNOSED, diagnosis=FOUND)
+            fleet_diagnosis.MachineResult(machine, Outcome(Status.DONE, machine_task.summarize_diagnosis(FOUND)))
             for machine in machines
         ], False
 

@@ -173,7 +173,7 @@ def test_doctor_tells_versions_that_do_not_fit_and_packages_that_are_not_there(
         monkeypatch.setattr(
             installation_check, name, lambda: installation_check.InstallationFinding("x", True, True, "")
         )
-    monkeypatch.setattr(installation_check.metadata, "requires", lambda _: required)
+    monkeypatch.setattr("hdagen.arm.installation_check.metadata.requires", lambda _: required)
     monkeypatch.setattr(installation_check, "_find_version", found.get)
     assert main(["doctor"]) == 1
     lines = capsys.readouterr().out.splitlines()[4:]
@@ -181,7 +181,8 @@ def test_doctor_tells_versions_that_do_not_fit_and_packages_that_are_not_there(
         "missing  numpy: 1.26.4 is not <3,>=2.0.2; pip install 'numpy<3,>=2.0.2'",
         "ok       rich: 15.0.0",
         "missing  absent: not installed; pip install 'absent>=1'",
-        "optional mujoco: not installed; only `hdagen blind` needs it: pip install 'hdagen[blind]'",
+        "optional mujoco: not installed; for `hdagen blind`, and `hdagen export` with --into or --prove:"
+        " pip install 'hdagen[mujoco]'",
         "ok       matplotlib: 3.9",
     ]
 

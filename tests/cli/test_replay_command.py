@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from compiled import Compiled
 from replayed import FLEXIBLE, RIGID, diagnosis, simulated, smooth
 
 from hdagen.arm.build_loader import PlantError
@@ -23,13 +24,13 @@ from hdagen.prediction.window_replay import replay
 
 
 @pytest.fixture(scope="module")
-def made(build: Callable) -> Callable[..., Arm]:
+def made(build: Callable[..., Compiled]) -> Callable[..., Arm]:
     """made(text, effects=()) -> a fresh Arm."""
     return lambda robot, effects=(): Arm(build(robot, "portable", effects).folder)
 
 
 @pytest.fixture
-def command(build: Callable, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+def command(build: Callable[..., Compiled], monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
     """command(*arguments) -> exit code of `hdagen replay`, with the builds of this session."""
     monkeypatch.setenv("HDAGEN_BUILD", str(build(FLEXIBLE).folder.parent))
 
@@ -49,7 +50,7 @@ def command(build: Callable, monkeypatch: pytest.MonkeyPatch) -> Callable[..., i
 
 
 @pytest.fixture
-def files(tmp_path: Path, made: Callable) -> Path:
+def files(tmp_path: Path, made: Callable[..., Arm]) -> Path:
     """A folder with robot.toml, rigid.toml and a log of each."""
     (tmp_path / "robot.toml").write_text(FLEXIBLE)
     (tmp_path / "rigid.toml").write_text(RIGID)
@@ -58,7 +59,9 @@ def files(tmp_path: Path, made: Callable) -> Path:
     return tmp_path
 
 
-def test_the_command_writes_what_replay_predicts(command: Callable, files: Path, made: Callable, capsys) -> None:  # noqa: ANN001
+def test_the_command_writes_what_replay_predicts(
+    command: Callable[..., int], files: Path, made: Callable[..., Arm], capsys: pytest.CaptureFixture[str]
+) -> None:
     out = files / "predicted.parquet"
     assert command(files / "robot.toml", files / "log.parquet", "--out", out) == 0
     shown = capsys.readouterr().out
@@ -74,12 +77,16 @@ def test_the_command_writes_what_replay_predicts(command: Callable, files: Path,
     assert figures["errors"] == pytest.approx(replay(made(FLEXIBLE), log, 0.5).errors)
 
 
-def test_the_command_prints_the_force_error_of_rigid_robots(command: Callable, files: Path, capsys) -> None:  # noqa: ANN001
+def test_the_command_prints_the_force_error_of_rigid_robots(
+    command: Callable[..., int], files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert command(files / "rigid.toml", files / "rigid.csv", "--json") == 0
     assert max(json.loads(capsys.readouterr().out)["force_error"]) < 0.02
 
 
-def test_the_command_adds_a_verdict(command: Callable, files: Path, capsys) -> None:  # noqa: ANN001
+def test_the_command_adds_a_verdict(
+    command: Callable[..., int], files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (files / "diagnosis.json").write_text(json.dumps(diagnosis()))
     robot, log = files / "robot.toml", files / "log.parquet"
     assert command(robot, log, "--with", files / "diagnosis.json", "--json") == 0
@@ -91,7 +98,9 @@ def test_the_command_adds_a_verdict(command: Callable, files: Path, capsys) -> N
     assert "no model can be built with no_such" in capsys.readouterr().out
 
 
-def test_the_command_refuses_a_diagnosis_of_another_robot(command: Callable, files: Path, capsys) -> None:  # noqa: ANN001
+def test_the_command_refuses_a_diagnosis_of_another_robot(
+    command: Callable[..., int], files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     robot, log, said = files / "robot.toml", files / "log.parquet", files / "diagnosis.json"
     name, digest = tomllib.loads(robot.read_text())["name"], hashlib.sha256(robot.read_bytes()).hexdigest()
     said.write_text(json.dumps(diagnosis(robot={"name": name, "sha256": digest})))
@@ -112,12 +121,14 @@ def test_the_command_refuses_a_diagnosis_of_another_robot(command: Callable, fil
     assert not (files / "other.csv").exists()
 
 
-def no_such() -> dict:
+def no_such() -> dict[str, object]:
     """A cause that no version knows."""
     return {"effect": "no_such", "joint": 1, "parameters": {"size": {"value": 1.0}}}
 
 
-def test_the_command_refuses_in_sentences(command: Callable, files: Path, capsys) -> None:  # noqa: ANN001
+def test_the_command_refuses_in_sentences(
+    command: Callable[..., int], files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     robot, log = files / "robot.toml", files / "log.parquet"
     before = (files / "log.parquet").read_bytes()
     for arguments, words in (
@@ -139,7 +150,9 @@ def test_the_command_refuses_in_sentences(command: Callable, files: Path, capsys
     assert not list(files.glob("*x.*"))
 
 
-def test_a_log_that_triage_refuses_is_refused(command: Callable, files: Path, capsys) -> None:  # noqa: ANN001
+def test_a_log_that_triage_refuses_is_refused(
+    command: Callable[..., int], files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log = read(files / "log.parquet")
     wrong = {
         **log.columns,

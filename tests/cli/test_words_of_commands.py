@@ -9,6 +9,7 @@ from pathlib import Path
 
 import arms
 import pytest
+from compiled import Compiled
 
 import hdagen
 from hdagen.arm.build_loader import PlantError
@@ -46,7 +47,7 @@ def test_no_sentence_asks_for_a_call_of_python() -> None:
 
 
 @pytest.fixture
-def arm(build: Callable) -> Callable[[str], Arm]:
+def arm(build: Callable[..., Compiled]) -> Callable[[str], Arm]:
     """arm(limits) -> an arm of one joint with these keys of [joint.limits]."""
     return lambda limits: Arm(build(f"{arms.SMALL}[joint.limits]\n{limits}").folder)
 

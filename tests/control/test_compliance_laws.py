@@ -185,8 +185,10 @@ def paper(build: Callable[..., Compiled]) -> Callable[[], Arm]:
     return lambda: Arm(build("paper").folder)
 
 
-UNSURE = ("mass", "inertia", "motor_inertia", "coulomb_friction", "viscous_friction", "torque_constant")
-UNSURE += ("center_of_mass", "torsional_damping", "flexspline_stiffness", "wave_generator_stiffness")
+UNSURE = (
+    *("mass", "inertia", "motor_inertia", "coulomb_friction", "viscous_friction", "torque_constant"),
+    *("center_of_mass", "torsional_damping", "flexspline_stiffness", "wave_generator_stiffness"),
+)
 
 
 def pushed(

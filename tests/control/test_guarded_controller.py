@@ -81,7 +81,7 @@ def test_every_measured_and_wanted_number_must_be_finite(arm: Arm, law: str, val
         for k in range(len(good)):
             loop = Loop(arm, law)
             loop.ticks(2)
-            bad = np.array(good)
+            bad: Any = np.array(good)
             bad[k] = value
             before = loop.controller.torque.copy()
             assert loop.tick(**{channel: bad}) == CODE["HDA_FAULT_INPUT_FINITE"], (channel, k)

@@ -63,7 +63,7 @@ def test_another_joint_s_speed_is_left_out(good: Log, arm: Arm) -> None:
 
 def test_what_was_left_out_stands_in_the_headline() -> None:
     repaired = [{"name": "contradicted", "what": "joint_velocity_2 contradicts joint_position_2."}, {"name": "dropped"}]
-    assert _say_repairs({"data": {"repaired": repaired}}) == " joint_velocity_2 contradicts joint_position_2."
+    assert _say_repairs({"data": {"repaired": repaired}}) == "joint_velocity_2 contradicts joint_position_2."
     assert _say_repairs({}) == ""
 
 

@@ -461,6 +461,20 @@ def test_a_log_of_two_rates_has_lost_no_row(good: Log) -> None:
     assert found.dropped == 0 and found.refusals == ()
 
 
+def test_a_motion_that_changes_within_a_few_rows_has_lost_none() -> None:
+    """Slow sampling of quick moves: a row goes twice as far as those around, but not as its neighbours."""
+    time = np.arange(0, 24, 0.02)
+    hurry = 1.2 * np.exp(-(((time % 1.0 - 0.5) / 0.02) ** 2))
+    position = np.cumsum(0.02 * np.sign(np.sin(0.9 * time)) * (0.2 + 0.2 * hurry))
+    names = {one.name for one in triage(one_joint(time, position), (10.0,)).findings}
+    assert "dropped" not in names
+    kept = np.ones(len(time), bool)
+    kept[100::60] = False
+    rows = Log(time[: kept.sum()], {"joint_position_1": np.sin(0.9 * time)[kept]}, 1, "one joint")
+    told = triage(Log(rows.time, rows.columns | {"motor_torque_1": np.sin(rows.time)}, 1, ""), (10.0,)).findings
+    assert "dropped" in {one.name for one in told}
+
+
 def test_a_lead_in_a_slow_sine_is_a_phase_and_not_a_row() -> None:
     """Ahead of its command, but as unlike it there as anywhere."""
     time, random = np.arange(0, 10, 2e-3), np.random.default_rng(7)
@@ -563,8 +577,8 @@ def test_real_logs_raise_no_suspicion_and_a_reversed_one_does(data_dir: Path) ->
     for path in paths:
         assert triage(read(path, EXAMPLES / "dfki" / "columns.toml"), (6.0, 6.0)).refusals == (), path
     log = read(paths[-1], EXAMPLES / "dfki" / "columns.toml")
-    wrong = triage(reverse("motor_torque_command_2")(log), (6.0, 6.0))
-    assert ("reversed", 2) in {(f.name, f.joint) for f in wrong.findings if f.severity is Severity.REFUSE}
+    turned = triage(reverse("motor_torque_command_2")(log), (6.0, 6.0))
+    assert ("reversed", 2) in {(f.name, f.joint) for f in turned.findings if f.severity is Severity.REFUSE}
     degrees = triage(times(DEGREE, "joint_position_1")(log), (6.0, 6.0))
     assert ("degrees", 1) in {(f.name, f.joint) for f in degrees.findings if f.severity is Severity.REFUSE}
 

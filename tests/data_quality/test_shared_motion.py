@@ -39,7 +39,9 @@ SHARED: dict[str, Callable[[Log], Log]] = {
     ),
     "in degrees": times(180 / math.pi, "motor_position_1", "joint_position_1"),
     "wrapped, its end": lambda log: wrapped("motor_position_1")(log.rows(1800, len(log))),
-    "in single precision": lambda log: changed(log, **{n: np.float64(np.float32(v)) for n, v in log.columns.items()}),
+    "in single precision": lambda log: changed(
+        log, **{n: v.astype(np.float32).astype(float) for n, v in log.columns.items()}
+    ),
 }
 
 

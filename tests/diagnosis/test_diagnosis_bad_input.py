@@ -27,7 +27,8 @@ from hdagen.diagnosis.holdout.contradicting_holdout import find_contradiction
 from hdagen.diagnosis.holdout.single_moments import find_single_moments
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.pipeline import diagnose
-from hdagen.diagnosis.report.sentences import explain_confounding, say_contradiction, write_verdict
+from hdagen.diagnosis.report.confounding import explain_confounding
+from hdagen.diagnosis.report.sentences import say_contradiction, write_verdict
 from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
@@ -102,9 +103,9 @@ def test_a_contradiction_is_said_with_its_reason_and_what_would_tell(verdict: li
     assert said.startswith("What is missing cannot be told, as log and hold-out contradict each other.")
     assert say_contradiction(why) in said and "95 % of its own gap and leaves 102 % of the hold-out's" in said
     assert "do not seem to be of the same machine" in said and "hdagen excite" in said
-    assert ("coulomb friction on joint 1" in say_contradiction(why)) is bool(verdict)
+    assert ("Coulomb friction on joint 1" in say_contradiction(why)) is bool(verdict)
     assert explain_confounding(EFFECTS, shown).startswith(
-        "No effect is named; the log alone says: coulomb friction on joint 1 (0.80)"
+        "No effect is named; the log alone says: Coulomb friction on joint 1 (0.80)"
     )
 
 

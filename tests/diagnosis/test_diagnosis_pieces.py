@@ -63,7 +63,7 @@ def test_a_robot_file_far_outside_its_tolerances_is_refused(off: list[float], na
     )  # a shape
     described = {n: SimpleNamespace(tolerance=0.05 * (n in names)) for n in [*names, "ripple_order_1"]}
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
-    design = SimpleNamespace(candidates=SimpleNamespace(columns=columns), shooting=SimpleNamespace(arm=arm))
+    design: Any = SimpleNamespace(candidates=SimpleNamespace(columns=columns), shooting=SimpleNamespace(arm=arm))
     best: Any = SimpleNamespace(
         sensitivities=design,
         posterior=(np.array([0.5 * z for z in off] + [1.0]), None),
@@ -112,8 +112,8 @@ def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
         SimpleNamespace(has_columns=whole, without_columns=lambda: "bare") for whole in (False, True, True)
     )
     fits: Any = [lost, kept, other]
-    assert first_with_columns(fits) is kept  # type: ignore[comparison-overlap]
-    assert drop_columns(fits) == ["bare", kept, "bare"]  # type: ignore[comparison-overlap]
+    assert first_with_columns(fits) is kept
+    assert drop_columns(fits) == ["bare", kept, "bare"]
 
 
 def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,7 +208,7 @@ def test_what_does_not_show_is_unseen_and_what_looks_alike_stands_beside() -> No
         members=[SimpleNamespace(name=name) for name in names],
         columns=[SimpleNamespace(candidate=k) for k in range(4)],
     )
-    design = SimpleNamespace(candidates=words, linear_model=lambda: linear, with_finite_step=lambda places: design)
+    design: Any = SimpleNamespace(candidates=words, linear_model=lambda: linear, with_finite_step=lambda places: design)
     score = SimpleNamespace(posterior=SimpleNamespace(s=0.0, kappa2=np.ones(1)))
     fit: Any = SimpleNamespace(score=score, sensitivities=design, posterior=(np.array([0.8, 0.0, 0.0, 1.0]), None))
     told = Identifiability(fit, 12.0)
@@ -377,10 +377,8 @@ def test_what_stands_at_its_brim_is_tried_the_fullest_first() -> None:
     mean = 0.05 * np.array(
         [SEARCH.at_bound_deviations + 0.1, SEARCH.at_bound_deviations - 0.1, 0.2, -3.0, 20.0, 3.0]
     )  # the fourth atom is free, the last no atom
-    assert _find_at_bound(SimpleNamespace(sensitivities=SimpleNamespace(candidates=words), posterior=(mean, None))) == [
-        2,
-        0,
-    ]  # type: ignore[arg-type]
+    fit: Any = SimpleNamespace(sensitivities=SimpleNamespace(candidates=words), posterior=(mean, None))
+    assert _find_at_bound(fit) == [2, 0]
 
 
 def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:

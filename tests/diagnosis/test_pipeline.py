@@ -24,7 +24,7 @@ from hdagen.diagnosis.holdout.verdict_withdrawal import ConfirmedVerdict
 from hdagen.diagnosis.pipeline import diagnose
 from hdagen.diagnosis.report import report_page
 from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
-from hdagen.diagnosis.report.repeat_commands import format_commands
+from hdagen.diagnosis.report.repeat_commands import DiagnosedFiles, format_commands
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.search.null_model import NullModel
 
@@ -50,7 +50,7 @@ RESULTS = (
 @pytest.mark.parametrize("result", RESULTS, ids=lambda one: one.__name__)
 def test_a_result_is_frozen_and_explains_its_attributes(result: Any) -> None:
     assert result.__dataclass_params__.frozen
-    explained = re.findall(r"^    (\w+): ", inspect.getdoc(result).partition("Attributes:")[2], re.MULTILINE)
+    explained = re.findall(r"^    (\w+): ", (inspect.getdoc(result) or "").partition("Attributes:")[2], re.MULTILINE)
     assert explained == [field.name for field in dataclasses.fields(result)]
 
 
@@ -71,12 +71,13 @@ def test_a_diagnosis_tells_its_verdict_and_saves_itself(tmp_path: Path, monkeypa
     monkeypatch.setattr(report_page, "write_report", lambda *given: pages.append(given))
     found.save(tmp_path / "new" / "folder")
     assert json.loads((tmp_path / "new" / "folder" / "diagnosis.json").read_text()) == content
-    ((drawn, page, commands),) = pages
+    ((drawn, page, files),) = pages
     assert drawn is result and page == tmp_path / "new" / "folder" / "report.html"
-    assert "hdagen diagnose robot.toml 'a log.csv' --hold-out other.csv\n" in commands
+    assert "hdagen diagnose robot.toml 'a log.csv' --hold-out other.csv\n" in format_commands(files, "0" * 64)
+    assert files.shell_diagnosis == str(tmp_path / "new" / "folder" / "diagnosis.json")
 
 
 def test_the_commands_name_the_columns() -> None:
-    said = format_commands("paper", ["log.csv"], [], "my columns.toml", "0" * 64)
+    said = format_commands(DiagnosedFiles("paper", ("log.csv",), (), "found", "my columns.toml"), "0" * 64)
     assert "hdagen diagnose paper log.csv --columns 'my columns.toml'\n" in said
-    assert "hdagen replay paper log.csv --columns 'my columns.toml' --with diagnosis.json" in said
+    assert "hdagen replay paper log.csv --columns 'my columns.toml' --with found/diagnosis.json" in said

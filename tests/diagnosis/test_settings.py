@@ -31,7 +31,7 @@ def test_a_setting_cannot_be_changed(stage: str) -> None:
 
 def test_every_settings_class_has_its_stage() -> None:
     found = set()
-    rooms = ("hdagen/prediction", "hdagen/diagnosis")
+    rooms = ("hdagen/data_quality", "hdagen/prediction", "hdagen/diagnosis")
     for path in (path for room in rooms for path in (ROOT / room).rglob("*_settings.py")):
         module = importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
         found |= {name for name, value in vars(module).items() if name.isupper() and dataclasses.is_dataclass(value)}

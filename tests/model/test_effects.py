@@ -140,7 +140,8 @@ def test_names_are_unique() -> None:
     """Effects, and all parameters and states that can stand in one model."""
     names = [effect.name for effect in ALL]
     assert len(set(names)) == len(names)
-    inner = [x.name for effect in ALL for x in (*effect.parameters, *effect.states)] + list(KEYS)
+    inner = [*KEYS, *(q.name for effect in ALL for q in effect.parameters)]
+    inner += [state.name for effect in ALL for state in effect.states]
     assert len(set(inner)) == len(inner)
     assert set(NOMINAL) <= set(ALL)
 
@@ -278,6 +279,7 @@ def test_friction_of_all_kinds_together_gives_no_energy() -> None:
     p = np.array([[q.nominal] for q in model.quantities]) * np.ones(rows)
     for k, q in enumerate(model.quantities):
         if q.role == "amplitude" and q.effect not in ("payload", "stiffness", "torque_constant", "current_bias"):
+            assert q.typical is not None
             p[k] = rng.uniform(max(q.low, -3 * q.typical), min(q.high, 3 * q.typical), rows)
         if q.name.startswith("torsional_damping"):
             p[k] = 0.0
@@ -362,7 +364,7 @@ def test_amplitude_zero_is_the_model_without_the_effect_to_the_bit(everything: R
         q, theta = (full.names.index(f"{side}_position_{j}") for side in ("joint", "motor"))
         x[theta] = 100.0 * (x[q] + rng.uniform(-2e-3, 2e-3, rows))
     u = rng.uniform(-10, 10, (4, rows))
-    p = {q.name: q.nominal + (q.typical if q.role == "amplitude" else 0.0) for q in full.model.quantities}
+    p = {q.name: q.nominal + (q.typical or 0.0 if q.role == "amplitude" else 0.0) for q in full.model.quantities}
     p |= {"gravity_x": 1.0, "gravity_y": -9.0}
     present = full(x, u, p)
     off = p | {

@@ -54,7 +54,7 @@ def power(arm: Compiled, x: Floats, u: Floats, c: Floats) -> Floats:
     """d/dt of kinetic and potential energy along the flow, W, by central differences over 0.1 µs."""
     h = 1e-7
     rate = arm("rhs", x, u, c)[0]
-    ahead, behind = (sum(arm("energy", x + s * h * rate, c))[:, 0] for s in (1, -1))
+    ahead, behind = (np.sum(arm("energy", x + s * h * rate, c), axis=0)[:, 0] for s in (1, -1))
     return (ahead - behind) / (2 * h)
 
 
@@ -84,7 +84,7 @@ def test_energy_is_kept_without_loss(build: Builder, profile: str) -> None:
     torque = arm("outputs", start, np.zeros(4), c)[4]
     assert torque == pytest.approx([5.0, 5.0], rel=1e-8)
     x = arm.rollout(start, np.zeros((10_000, 4)), c, 1e-3, 1e-4)
-    energy = sum(arm("energy", x, c))[:, 0]
+    energy = np.sum(arm("energy", x, c), axis=0)[:, 0]
     kinetic = arm("energy", x, c)[0][:, 0]
     assert kinetic.max() > 0.5 * energy[0] > 0.0, "an arm that does not swing keeps its energy anyhow"
     assert np.abs(energy / energy[0] - 1.0).max() < 1e-6
@@ -125,7 +125,8 @@ def test_nothing_that_dissipates_gives_energy(build: Builder) -> None:
     x = states(arm, STATES)
     u = np.zeros((STATES, 4))
     rate = arm("rhs", x, u, c)[0]
-    stored = sum(0.7 * 0.04 * 0.03 * arm.at(x, f"bristle_{j}") * arm.at(rate, f"bristle_{j}") for j in (1, 2))
+    stored = np.zeros(STATES)
+    stored += sum(0.7 * 0.04 * 0.03 * arm.at(x, f"bristle_{j}") * arm.at(rate, f"bristle_{j}") for j in (1, 2))
     stored += sum(1e-4 * arm.at(x, f"hysteresis_{j}") * arm.at(rate, f"hysteresis_{j}") for j in (1, 2))
     total = power(arm, x, u, c) + stored
     assert total.max() < 1e-8 * np.abs(total).max()
@@ -138,7 +139,7 @@ def test_a_swinging_arm_with_losses_comes_to_rest(build: Builder) -> None:
     c = arm.prepare(**(MANY | LOSSY | {"gravity_x": 0.0, "gravity_y": 0.0}))  # smooth friction creeps under a load
     start = states(arm, 1)[0]
     x = arm.rollout(start, np.zeros((8000, 4)), c, 1e-3, 5e-4)
-    total = sum(arm("energy", x, c))[:, 0]
+    total = np.sum(arm("energy", x, c), axis=0)[:, 0]
     total += sum(0.7 * 0.04 * 0.03 / 2 * arm.at(x, f"bristle_{j}") ** 2 for j in (1, 2))
     total += sum(1e-4 / 2 * arm.at(x, f"hysteresis_{j}") ** 2 for j in (1, 2))
     assert np.diff(total).max() < 1e-6 * (total[0] - total[-1])

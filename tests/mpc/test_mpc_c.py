@@ -97,7 +97,7 @@ def test_firmware_takes_copies_and_elementary_functions_and_no_memory(objects: P
     if nm is None:
         pytest.skip("nm of binutils is not installed here")
     done = subprocess.run([nm, *map(str, objects.glob("*.o"))], capture_output=True, text=True, check=True)
-    needed, defined = set(), set()
+    needed, defined = set[str](), set[str]()
     for words in map(str.split, done.stdout.splitlines()):
         if len(words) in (2, 3) and len(words[-2]) == 1:
             (needed if words[-2] == "U" else defined).add(words[-1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import load
 from hdagen.mpc.benchmark.scaling import format_chain_robot
 from hdagen.mpc.configuration import Configuration, check_configuration, read_configuration
+from hdagen.mpc.configuration_document import write_document
 from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, ConfigurationKey, format_key_table
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.mpc.wall import Wall
@@ -22,7 +24,16 @@ DOCS = Path(__file__).parents[2] / "docs" / "reference" / "controller_toml.md"
 
 
 def test_the_documented_keys_are_the_keys() -> None:
-    assert format_key_table() in DOCS.read_text(encoding="utf-8")
+    assert DOCS.read_text(encoding="utf-8") == write_document(), (
+        "python -m hdagen.mpc.configuration_document > docs/reference/controller_toml.md"
+    )
+    assert write_document().endswith(format_key_table())
+
+
+def test_the_document_is_printed() -> None:
+    command = [sys.executable, "-m", "hdagen.mpc.configuration_document"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == write_document() and not done.stderr
 
 
 def test_every_default_is_one_that_the_key_allows() -> None:

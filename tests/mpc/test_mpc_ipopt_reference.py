@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpc_arms import folder
+from kept_builds import find_builds
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.mpc.benchmark.ipopt_reference import (
@@ -24,7 +24,7 @@ FAR = "".join(
 @pytest.fixture(autouse=True)
 def builds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Builds lie with the other tests'."""
-    monkeypatch.setenv("HDAGEN_BUILD", str(folder()))
+    monkeypatch.setenv("HDAGEN_BUILD", str(find_builds()))
 
 
 def test_a_converged_plan_costs_what_the_truth_costs_where_no_limit_is_near(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import chromium
 import numpy as np
 import pytest
 from hostile_names import NAME, check_escaped
-from mpc_arms import folder
+from kept_builds import find_builds
 
 from hdagen.__main__ import USAGE, main
 from hdagen.log.measured_log import read as read_log
@@ -35,7 +35,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("run")
     (place / "controller.toml").write_text(TOML)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("HDAGEN_BUILD", str(folder()))
+        patch.setenv("HDAGEN_BUILD", str(find_builds()))
         simulate = ["simulate", "paper", "--controller", "mpc", "--config", str(place / "controller.toml")]
         simulate += ["--push", "0.3", "0.9", "25", "0", "--seconds", "1.5", "--center", "0.2", "0"]
         assert main([*simulate, "--out", str(place / "run.parquet")]) == 0
@@ -121,7 +121,7 @@ def test_a_configuration_that_does_not_fit_ends_the_command_before_a_build(
 def test_the_tables_configuration_is_printed_for_c(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "c.toml").write_text(TOML)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("HDAGEN_BUILD", str(folder()))
+        patch.setenv("HDAGEN_BUILD", str(find_builds()))
         assert main(["mpc", "header", "--config", str(tmp_path / "c.toml"), "--profile", "portable"]) == 0
     text = capsys.readouterr().out
     assert text.startswith("static const double mpc_settings[] = {0.0, 0.0001, 4000.0,")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from mpc_arms import built
@@ -54,7 +56,8 @@ def loop() -> Loop:
 )
 @pytest.mark.parametrize("value", [NAN, float("inf")])
 def test_a_measurement_that_is_no_number_is_refused_and_latched(loop: Loop, channel: str, value: float) -> None:
-    assert loop.tick(**{channel: (0.0, value)}) == -20
+    given: dict[str, Any] = {channel: (0.0, value)}
+    assert loop.tick(**given) == -20
     loop.tick(motor_position=(NAN, NAN))  # the first fault is kept, with what came in
     fault = loop.k.read_fault()
     assert fault is not None
@@ -152,7 +155,7 @@ def test_only_recover_leaves_the_latch_and_without_a_jump(loop: Loop) -> None:
     for _ in range(200):
         assert loop.tick() == -1
     loop.now += 0.5 * H
-    fresh = {"motor_position": loop.theta, "joint_position": loop.q, "tip_force": (0.0, 0.0)}
+    fresh: dict[str, Any] = {"motor_position": loop.theta, "joint_position": loop.q, "tip_force": (0.0, 0.0)}
     assert loop.k.recover(loop.now, loop.now, **fresh) == 0
     for _ in range(20):
         assert loop.tick() >= 0

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(
     chromium.PROGRAM is None,
     reason="no Chromium is installed; `apt-get install chromium` brings what this test looks with",
 )
-FIGURES = {"arm": 0, "torques": 1, "paths": 2, "spectrum": 3, "bars": 4, "map": 5, "names": 6, "numbers": 7, "clock": 8}
+FIGURES = {"arm": 0, "torques": 1, "paths": 2, "spectrum": 3, "dots": 4, "map": 5, "names": 6, "numbers": 7, "clock": 8}
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,7 @@ from hostile_names import NAME, check_escaped
 from hdagen.__main__ import INTERRUPTED, USAGE, main
 from hdagen.log.measured_log import read
 from hdagen.paper import document_tables, figure_production, figure_store, paper_page
+from hdagen.paper.drawing import draw_result
 from hdagen.paper.figure_catalogue import PAPER_FIGURES, find_figures
 from hdagen.paper.prototype.figure_result import Axes, Claim, Curve, Grid, Map, Result
 from hdagen.paper.prototype.virtual_prototype import PROTOTYPE, TABLE_1, THREE_JOINTS
@@ -123,7 +124,7 @@ def test_an_interrupted_run_keeps_what_is_finished_and_goes_on(
 ) -> None:
     out = tmp_path / "out"
     monkeypatch.setattr(figure_production, "count_processors", lambda: 1)
-    drawn = figure_store.draw_result
+    drawn = draw_result
 
     def stop(result: Result) -> tuple[bytes, bytes]:
         if result.name == "fig8":
@@ -143,13 +144,13 @@ def test_an_interrupted_run_keeps_what_is_finished_and_goes_on(
 @needs_matplotlib
 def test_every_kind_of_part_is_drawn_and_stands_on_the_page(tmp_path: Path) -> None:
     t = np.linspace(0, 1, 5000)
-    parts = [
+    parts: list[Axes | Map | Grid] = [
         Axes("one", "time (s)", "force (N)", [Curve("a", t, np.sin(9 * t)), Curve("b", t, t, "points")],
              bands=[(0.2, 0.4, "pushed")]),
         Axes("two", "x (m)", "y (m)", [Curve("", 0.2 + 0.05 * np.cos(t), 0.05 * np.sin(t))], equal=True,
              marks=[(0.2, 0, "here")]),
         Axes("three", "B (N s/m)", "share (1)", [Curve("s", [1, 10, 100], [1, 2, 3], "step")], log_x=True, log_y=True),
-        Map("four", "M (kg)", "B (N s/m)", "settling (s)", [1, 2, 4], [1, 10, 100], [[1, np.nan], [3, 4]]),
+        Map("four", "M (kg)", "B (N s/m)", "settling (s)", [1, 2, 4], [1, 10, 100], [[1.0, np.nan], [3.0, 4.0]]),
         Grid("five", ("a", "b"), [("x", 1.5), ("y", None)]),
     ]  # fmt: skip
     result = Result("fig0", "All kinds", "Words.", parts, [Claim("it says", "it is", None, "<why>")], {"n": np.nan}, 3)
@@ -158,7 +159,8 @@ def test_every_kind_of_part_is_drawn_and_stands_on_the_page(tmp_path: Path) -> N
     again = figure_store.store_figure(tmp_path, result, "k", 0.0)
     assert again["files"] == content["files"]
     target = paper_page.write_page(tmp_path, [content], figure_store.read_sections(tmp_path, ["fig0"]))
-    html = target.read_text(encoding="utf-8")
+    html = target.read_text(encoding="utf-8") + (tmp_path / "fig0.html").read_text(encoding="utf-8")
+    assert 'href="fig0.html"' in html
     for words in ("All kinds", "it says", "&lt;why", "settling", "Errata", "K_w0 e^"):
         assert words in html, words
     assert "<why>" not in html
@@ -167,10 +169,10 @@ def test_every_kind_of_part_is_drawn_and_stands_on_the_page(tmp_path: Path) -> N
 @needs_matplotlib
 def test_words_that_are_html_are_text(tmp_path: Path) -> None:
     t = np.linspace(0, 1, 50)
-    parts = [
+    parts: list[Axes | Map | Grid] = [
         Axes(NAME, NAME, NAME, [Curve(NAME, t, t), Curve(f"{NAME}2", t, t, "points")], bands=[(0.2, 0.4, NAME)]),
         Axes(NAME, NAME, NAME, [Curve(NAME, t, t)], equal=True, marks=[(0.2, 0, NAME)]),
-        Map(NAME, NAME, NAME, NAME, [1, 2, 4], [1, 10, 100], [[1, np.nan], [3, 4]]),
+        Map(NAME, NAME, NAME, NAME, [1, 2, 4], [1, 10, 100], [[1.0, np.nan], [3.0, 4.0]]),
         Grid(NAME, (NAME, "b"), [(NAME, 1.5)]),
     ]
     result = Result("fig0", NAME, NAME, parts, [Claim(NAME, NAME, True, NAME)], {NAME: 1.0}, 3)
@@ -179,7 +181,8 @@ def test_words_that_are_html_are_text(tmp_path: Path) -> None:
         [figure_store.store_figure(tmp_path, result, "k", 0.0)],
         figure_store.read_sections(tmp_path, ["fig0"]),
     )
-    check_escaped(target.read_text(encoding="utf-8"), 10)
+    check_escaped(target.read_text(encoding="utf-8"), 3)
+    check_escaped((tmp_path / "fig0.html").read_text(encoding="utf-8"), 8)
     svg = (tmp_path / "fig0.svg").read_text(encoding="utf-8")
     assert "<script" not in svg and "<img" not in svg
 

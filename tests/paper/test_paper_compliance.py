@@ -156,7 +156,8 @@ def test_softer_sets_yield_more_and_damping_calms(bench: Bench) -> None:
         assert np.linalg.norm(runs[0].place[-1] - runs[0].place[0]) > 1e-3, "the stiffest slides the bottle"
         assert np.array_equal(runs[2].place[-1], runs[2].place[0]), "the softest goes around it"
         numbers = runs[0].collect_numbers()
-        assert numbers["largest_force"] > 17.7 and numbers["work_on_bottle"] >= 0.9 * numbers["lost_in_sliding"]
+        force, work, lost = (float(numbers[k] or 0.0) for k in ("largest_force", "work_on_bottle", "lost_in_sliding"))
+        assert force > 17.7 and work >= 0.9 * lost > 0
     assert (np.diff(collision_runs.measure_vibrations(bench, "impedance")["B"]) < 0).all()
 
 

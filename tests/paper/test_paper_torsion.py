@@ -47,7 +47,7 @@ def test_the_published_coefficients_come_back(bench: Bench, j: int, fine: bool) 
     ).all()
     assert sure.max() < (2e-6 if fine else 6e-5), "two µrad of 3.5 mrad, with 16 µrad of noise and counting in a row"
     wrong = np.asarray(PUBLISHED_TORSION[j]) * [1, 1, 1.3, 1, 1, 1]
-    assert not fine or found.squared_distance_to(wrong) > 10 * CHI_SQUARE_999, "another set is told apart"
+    assert not fine or found.squared_distance_to(wrong.tolist()) > 10 * CHI_SQUARE_999, "another set is told apart"
 
 
 def test_standard_errors_are_what_other_noise_gives(bench: Bench) -> None:

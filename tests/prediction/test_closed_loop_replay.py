@@ -42,7 +42,7 @@ def looped(arm: Arm, laws: tuple[closed_loop_replay.JointLaw, ...], rows: int = 
             commands[k, j] = law.torque_scale * np.clip(demand, -law.limit, law.limit)
         for _ in range(2):
             x = arm.step(x, [*commands[k], 0.0, 0.0], 5e-4, exact=True)
-    columns = {}
+    columns = dict[str, np.ndarray]()
     for j in (1, 2):
         columns |= {f"motor_position_{j}": motors[:, j - 1], f"joint_position_{j}": joints[:, j - 1]}
         columns |= {

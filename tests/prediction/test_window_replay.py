@@ -195,7 +195,7 @@ def test_noise_ruins_nothing(made: Callable) -> None:
 
 
 def test_windows_start_at_the_first_row_at_or_after_each_multiple() -> None:
-    time = 3.0 + 0.1 * np.arange(11)
+    time = 3.0 + 0.1 * np.arange(11).astype(float)
     assert find_window_starts(time, 0.25).tolist() == [0, 3, 5, 8, 10]
     assert find_window_starts(time, 0.3).tolist() == [0, 3, 6, 9]  # though 3 · 0.1 is above 0.3 by a rounding error
     assert find_window_starts(time, math.inf).tolist() == [0]

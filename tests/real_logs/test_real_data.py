@@ -36,12 +36,16 @@ def arm(build: Callable) -> Callable[[str], Arm]:
 
 
 @pytest.fixture(scope="module")
-def emps(data_dir: Path) -> Callable[[str], Log]:
+def emps(data_dir: Path) -> Callable[..., Log]:
     """emps(file, columns=its own) -> the log."""
     folder = data_dir / "real" / "emps"
     if not folder.is_dir():
         pytest.skip(f"no EMPS logs in {folder}")
-    return lambda name, columns=None: read(folder / f"{name}.mat", EMPS / (columns or COLUMNS[name]), 1)
+
+    def log(name: str, columns: str | None = None) -> Log:
+        return read(folder / f"{name}.mat", EMPS / (columns or COLUMNS[name]), 1)
+
+    return log
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +125,9 @@ def test_emps_in_closed_loop(
     assert 4.0 < share < published
 
 
-def test_emps_by_the_command(arm: Callable, emps: Callable, data_dir: Path, monkeypatch, capsys) -> None:  # noqa: ANN001
+def test_emps_by_the_command(
+    arm: Callable, emps: Callable, data_dir: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("HDAGEN_BUILD", str(arm("emps").folder.parent))
     parser = argparse.ArgumentParser()
     replay_command.add_parser(parser.add_subparsers())

@@ -153,8 +153,8 @@ def diagnosed(inputs: Callable[[str], Inputs], out: Path) -> Diagnosed:
 
 def replayed(robot: str, log: Path, diagnosis: Path | None = None) -> dict[str, Any]:
     """What a replay in windows of 0.25 s says; it has to end well."""
-    more = ["--with", diagnosis] if diagnosis else []
-    command = [sys.executable, "-m", "hdagen", "replay", robot, log, *more, "--json"]
+    more: list[str | Path] = ["--with", diagnosis] if diagnosis else []
+    command: list[str | Path] = [sys.executable, "-m", "hdagen", "replay", robot, log, *more, "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -311,4 +311,4 @@ def test_the_leg_s_joint_is_not_rigid(encoders: str, out: Path) -> None:
     found = checked(real_machines.diagnose(inputs, folder), folder)
     assert found["verdict"] == ["missing_compliance@1"]
     assert found["gap"]["after"] < found["gap"]["before"] / 4
-    assert replayed(inputs.robot, *inputs.hold_out, folder / "diagnosis.json")["gap"] < found["gap"]["before"] / 4
+    assert replayed(inputs.robot, inputs.hold_out[0], folder / "diagnosis.json")["gap"] < found["gap"]["before"] / 4

@@ -34,12 +34,19 @@ PAPER = find_presets()["paper"].read_text(encoding="utf-8")
 
 def _effect(name: str, joints: str = "each", rigid: bool = True) -> Effect:
     bounded = (Parameter("bias", "N m", 0.0, -50.0, 50.0, "torque"), Parameter("width", "rad", 0.1, 0.01, 1.0, "width"))
-    shown = {
-        "experiment": Experiment("hold still", "pushes"),
-        "plot": Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ANGLE),
-    }
+    experiment, plot = Experiment("hold still", "pushes"), Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ANGLE)
     return Effect(
-        name, Port.MOTOR, bounded, ("bias",), lambda s, p: p["bias"], "of this test", (), rigid, joints, **shown
+        name,
+        Port.MOTOR,
+        bounded,
+        ("bias",),
+        lambda s, p: p["bias"],
+        "of this test",
+        (),
+        rigid,
+        joints,
+        experiment=experiment,
+        plot=plot,
     )
 
 
@@ -217,7 +224,7 @@ def test_parameters_stand_in_order_within_bounds() -> None:
         *("viscous_friction_2", "coulomb_friction_2", "friction_smoothing_2"),
     ]
     by_name = {p.name: p for p in found}
-    assert (by_name["mass_1"].low, by_name["mass_1"].high) == pytest.approx((1 / 3, 3))
+    assert (by_name["mass_1"].low, by_name["mass_1"].high) == pytest.approx((1 / 10, 10))
     assert (by_name["gravity_y"].low, by_name["gravity_y"].high) == pytest.approx((-9.81 * 3, -9.81 / 3))
     assert (by_name["gravity_x"].low, by_name["gravity_x"].high) == (-10, 10)
     assert (by_name["viscous_friction_2"].low, by_name["viscous_friction_2"].high) == (0, 1e6)
@@ -227,7 +234,32 @@ def test_parameters_stand_in_order_within_bounds() -> None:
 
 def test_a_negative_lumped_inertia_has_bounds_around_it() -> None:
     inertia = next(p for p in list_parameters(load("dfki_2_0")) if p.name == "inertia_2")
-    assert inertia.low < inertia.nominal < inertia.high < 0
+    assert inertia.low < inertia.nominal < 0 < inertia.high
+    stated = inertia.nominal + inertia.offset  # about the joint, which stays positive
+    assert (inertia.low + inertia.offset, inertia.high + inertia.offset) == pytest.approx((stated / 10, stated * 10))
+
+
+@pytest.mark.parametrize(("source", "tolerance"), [("measured", 0.02), ("data sheet", 0.1), ("CAD", 0.1), ("guess", 1)])
+def test_a_source_stands_for_a_tolerance(source: str, tolerance: float) -> None:
+    table = good()
+    table["joint"][0]["mass"] = {"value": 1.5, "source": source}
+    assert built(table).joints[0].mass == Value(1.5, tolerance)
+
+
+@pytest.mark.parametrize("stated", [{"source": "CAD"}, {"value": 1.0, "source": "CAT"}, {"value": 1.0, "source": 3}])
+def test_an_unknown_source_is_refused_in_one_sentence(stated: dict[str, Any]) -> None:
+    table = good()
+    table["joint"][0]["mass"] = stated
+    with pytest.raises(RobotError, match=r"joint\[1\]\.mass: found .* possible is") as raised:
+        built(table)
+    assert len(raised.value.problems) == 1
+
+
+def test_a_source_and_a_tolerance_exclude_each_other() -> None:
+    table = good()
+    table["joint"][0]["mass"] = {"value": 1.0, "source": "CAD", "tolerance": 0.1}
+    with pytest.raises(RobotError, match="value, source"):
+        built(table)
 
 
 def test_canonical_is_json_and_knows_no_place() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,7 +116,8 @@ def test_wrong_sets_are_refused_all_at_once(load: Loaded) -> None:
     assert "arrays of one length" in said[2] and "mass_x leaves 1e-09 to 1e+06 kg" in said[3]
     with pytest.raises(PlantError, match="of another build"):
         closed_loops(load("paper", "portable"), regulator, PATH, {"mass_x": [1.0]}, trajectories)
-    for wrong in ({}, {"mass_x": []}, {"mass_x": [[1.0]]}):
+    tables: list[dict[str, Any]] = [{}, {"mass_x": []}, {"mass_x": [[1.0]]}]
+    for wrong in tables:
         with pytest.raises(PlantError, match="one or more sets"):
             closed_loops(arm, regulator, PATH, wrong, trajectories)
     with pytest.raises(PlantError, match=f"more than closed loops in lanes take, {MOST_DELAY_TICKS}"):

@@ -208,7 +208,7 @@ def test_a_manifest_says_what_every_parameter_is_for(superset: Arm) -> None:
             assert {q.role for q in amplitudes} <= {"amplitude", "base"} and {q.role for q in shapes} <= {"shape"}
             assert all(q.starts[0] == q.nominal and q.typical is None for q in shapes)
             if effect["name"] != "gravity":
-                assert all(q.typical > 0 and q.effect == effect["name"] for q in amplitudes)
+                assert all((q.typical or 0.0) > 0 and q.effect == effect["name"] for q in amplitudes)
     p = described
     assert p["stribeck_torque_1"].typical == pytest.approx(0.4 * p["coulomb_friction_1"].nominal)
     assert p["saturation_inverse_1"].typical == pytest.approx(2.0 / 10.0)  # half of max_current

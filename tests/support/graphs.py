@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -34,15 +34,16 @@ class Interpreted:
 
     def __init__(self, f: ca.Function, rows: int) -> None:
         self.function = f.map(rows)  # columns of n entries are what rows of n entries are in numpy
-        self.buffer, self.trigger = self.function.buffer()
+        buffer, self.trigger = self.function.buffer()
+        self.buffer = cast(Any, buffer)  # its stubs know only the form with a size
         self.outputs = [np.empty((rows, f.numel_out(k))) for k in range(f.n_out())]
         for k, out in enumerate(self.outputs):
-            self.buffer.set_res(k, memoryview(out.reshape(-1)))
+            self.buffer.set_res(k, memoryview(out.reshape(-1).data))
 
     def __call__(self, *inputs: Floats) -> list[Floats]:
         flat = [np.ascontiguousarray(given).reshape(-1) for given in inputs]  # kept until the call is over
         for k, given in enumerate(flat):
-            self.buffer.set_arg(k, memoryview(given))
+            self.buffer.set_arg(k, memoryview(given.data))
         self.trigger()
         assert self.buffer.ret() == 0
         return self.outputs

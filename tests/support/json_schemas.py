@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 KINDS: dict[str, tuple[type, ...]] = {
@@ -52,7 +52,7 @@ def broken_keyword(
     length = len(value) if isinstance(value, str | list) else None
     table = value if isinstance(value, Mapping) else {}
     own = schema.get("properties", {})
-    nested = {
+    nested: dict[str, Callable[[], list[tuple[str, Any, Any]]]] = {
         "properties": lambda: [(k, v, wanted[k]) for k, v in table.items() if k in wanted],
         "additionalProperties": lambda: [(k, v, wanted) for k, v in table.items() if k not in own],
         "items": lambda: [(str(k), v, wanted) for k, v in enumerate(value if isinstance(value, list) else [])],
@@ -60,18 +60,18 @@ def broken_keyword(
     if keyword in nested:
         each = [violations(v, one, root, f"{place}.{k}") for k, v, one in nested[keyword]()]
         return [line for lines in each for line in lines]
-    good = {
+    rules: dict[str, Callable[[], bool]] = {
         "type": lambda: is_kind(value, wanted),
         "const": lambda: value == wanted and isinstance(value, bool) == isinstance(wanted, bool),
         "enum": lambda: value in wanted,
         "pattern": lambda: not isinstance(value, str) or re.search(wanted, value) is not None,
-        "minimum": lambda: size is None or size >= wanted,
-        "maximum": lambda: size is None or size <= wanted,
-        "exclusiveMinimum": lambda: size is None or size > wanted,
+        "minimum": lambda: size is None or bool(size >= wanted),
+        "maximum": lambda: size is None or bool(size <= wanted),
+        "exclusiveMinimum": lambda: size is None or bool(size > wanted),
         "minLength": lambda: length is None or length >= wanted,
         "maxLength": lambda: length is None or length <= wanted,
         "minItems": lambda: length is None or length >= wanted,
         "maxItems": lambda: length is None or length <= wanted,
         "required": lambda: set(wanted) <= table.keys() or not isinstance(value, Mapping),
-    }[keyword]()
-    return [] if good else [f"{place}: {str(value)[:60]} against {keyword} {wanted}"]
+    }
+    return [] if rules[keyword]() else [f"{place}: {str(value)[:60]} against {keyword} {wanted}"]

@@ -4,7 +4,7 @@ kill_commands.py COMMAND FOLDER COUNT SEED makes COUNT kills of `hdagen COMMAND`
 which writes into FOLDER/out; then it runs once to its end.
 
 It forks itself when all is imported. What takes long and writes nothing is done before (the diagnosis) or stands for
-itself (the program that a fleet and a check of sealed cases start).
+itself (the diagnosis of a fleet's machines and of sealed cases).
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pyarrow.parquet as pq
-import test_fleet
+import trivial_tasks
 from replayed import FLEXIBLE, diagnosis
 from test_diagnosis_report import NAMES, TRUTHS, seen
 
@@ -58,7 +59,7 @@ def prepare_diagnose(folder: Path) -> list[str]:
     held = LogPortion(log, mark_holdout_blocks(log.time))
     motion = HoldoutMotion(held, lambda _: before, before, before, before)
     found = SimpleNamespace(content=said, after=after, holdout=motion, residual_torque=sight, failures=())
-    diagnosed.diagnose = lambda *_: found
+    setattr(diagnosed, "diagnose", lambda *_: found)  # noqa: B010 - its type is another
     write(log, folder / "log.parquet")
     return ["diagnose", str(folder / "robot.toml"), str(folder / "log.parquet"), "--out", str(folder / "out")]
 
@@ -68,29 +69,15 @@ def robot(folder: Path) -> Path:
     return folder / "robot.toml"
 
 
-STAND_IN = (
-    test_fleet.STAND_IN.partition('(o.out / "diagnosis.json").write_text(json.dumps(found))')[0]
-    + """
-for name, text in (("diagnosis.json", json.dumps(found)), ("report.html", "<html></html>")):
-    (o.out / ".new").write_text(text)
-    os.replace(o.out / ".new", o.out / name)
-"""
-)
-
-
 def prepare_fleet(folder: Path) -> list[str]:
-    (folder / "stand_in.py").write_text(STAND_IN)
-    os.environ["CALLS"] = str(folder / "calls")
-    fleet_diagnosis.diagnose_fleet = partial(
-        fleet_diagnosis.diagnose_fleet, command=(sys.executable, str(folder / "stand_in.py"))
-    )
+    fleet_diagnosis.diagnose_fleet = partial(fleet_diagnosis.diagnose_fleet, make_task=trivial_tasks.make_stand_in)
     robot(folder)
     text = ""
     for name in "abcd":
         (folder / f"{name}.csv").write_text("find payload@2")
         text += f'[[machine]]\nrobot = "robot.toml"\nlog = "{name}.csv"\n'
     (folder / "fleet.toml").write_text(text)
-    return ["diagnose", "--fleet", str(folder / "fleet.toml"), "--jobs", "2", "--out", str(folder / "out")]
+    return ["diagnose", "--fleet", str(folder / "fleet.toml"), "--jobs", "1", "--out", str(folder / "out")]
 
 
 def prepare_paper(folder: Path) -> list[str]:
@@ -112,7 +99,8 @@ else:
 
 def prepare_blind(folder: Path) -> list[str]:
     (folder / "stand_in.py").write_text(BLIND.format(python=sys.executable))
-    blind.Check = partial(blind.Check, program=(sys.executable, str(folder / "stand_in.py")))
+    stand_in = (sys.executable, str(folder / "stand_in.py"))
+    setattr(blind, "Check", partial(blind.Check, program=stand_in))  # noqa: B010 - it is a class
     given = ["--kind", "none", "--cases", "2", "--seed", "of a test", "--jobs", "2", "--seconds", "4"]
     return ["blind", *given, "--out", str(folder / "out")]
 
@@ -199,6 +187,11 @@ def has_ended(child: int) -> bool:
     return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
+def has_parts_or_ended(out: Path, child: int) -> bool:
+    """Whether files are being written, or no longer."""
+    return bool(find_parts(out)) or has_ended(child)
+
+
 def begin_anew(out: Path) -> None:
     """Empty the folder into which the command writes."""
     shutil.rmtree(out)
@@ -211,7 +204,7 @@ def main(command: str, folder: Path, count: int, seed: int) -> dict[str, object]
     rng, out = random.Random(seed), folder / "out"
     arguments = PREPARE[command](folder)
     os.waitpid(started(arguments), 0)  # what it builds is there from now on
-    found: dict[str, object] = {"kills": 0, "left": 0, "broken": find_broken(out), "orphans": 0}
+    found: dict[str, Any] = {"kills": 0, "left": 0, "broken": find_broken(out), "orphans": 0}
     begin_anew(out)
     begun = time.monotonic()
     os.waitpid(started(arguments), 0)
@@ -221,7 +214,7 @@ def main(command: str, folder: Path, count: int, seed: int) -> dict[str, object]
             begin_anew(out)
         child = started(arguments)
         if kill % 2:  # every other one surely while files are written
-            await_true(lambda child=child: find_parts(out) or has_ended(child), took)
+            await_true(partial(has_parts_or_ended, out, child), took)
             time.sleep(rng.uniform(0.0, 2e-3))
         else:
             await_true(partial(has_ended, child), rng.uniform(0.0, took))

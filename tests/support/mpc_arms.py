@@ -1,25 +1,16 @@
-"""Arms with a predictive controller, built once a session and machine, in the folder of the tests' other builds."""
+"""Arms with a predictive controller, in the folder of the tests' other builds."""
 
 from __future__ import annotations
 
-import os
-import tempfile
 from functools import cache
-from pathlib import Path
+
+from kept_builds import find_builds
 
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.mpc.configuration import Configuration, check_configuration
 from hdagen.mpc.wall import Wall
 
 WALLS = (Wall((1.0, 0.0), 0.265, 2e4, 20.0), Wall((0.0, 1.0), 0.07))
-
-
-@cache
-def folder() -> Path:
-    """Where the builds lie."""
-    place = Path(os.environ.get("HDAGEN_BUILD") or Path(tempfile.gettempdir()) / f"hdagen-mpc-tests-{os.getuid()}")
-    place.mkdir(parents=True, exist_ok=True)
-    return place
 
 
 @cache
@@ -32,4 +23,4 @@ def built(
     )
     far = tuple(Wall((1.0, 0.0), 10.0 + k) for k in range(max(0, walls - 2)))
     c = c.with_changes((*WALLS[:walls], *far), **more)
-    return load(robot, profile, out=folder(), mpc=c), c
+    return load(robot, profile, out=find_builds(), mpc=c), c

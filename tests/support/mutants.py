@@ -32,13 +32,16 @@ from gen.robot.load_robot import load as load_robot
 from hdagen.adoption import verdict
 from hdagen.arm.build_loader import PlantError
 from hdagen.blind import calibrate
+from hdagen.campaign import result_store
+from hdagen.campaign.task import Outcome, Status
 from hdagen.data_quality.log_triage import triage
 from hdagen.diagnosis.decision import calibration
-from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page
+from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page, machine_task
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import read, write
 from hdagen.mpc.configuration import read_configuration
 from hdagen.prediction.closed_loop_replay import read_controller
+from hdagen.support.input_file import InputFileError
 
 SLOWEST = 20.0  # s
 MOST_MEMORY = 2 << 30  # bytes
@@ -181,7 +184,11 @@ def mats(folder: Path) -> dict[str, bytes]:
     """One log as .mat in several ways."""
     import scipy.io
 
-    ways = {"packed": {"do_compression": True}, "plain": {"do_compression": False}, "four": {"format": "4"}}
+    ways: dict[str, dict[str, Any]] = {
+        "packed": {"do_compression": True},
+        "plain": {"do_compression": False},
+        "four": {"format": "4"},
+    }
     for name, how in ways.items():
         scipy.io.savemat(folder / f"{name}.mat", motion(), **how)
     return {name: (folder / f"{name}.mat").read_bytes() for name in ways}
@@ -205,8 +212,10 @@ def kinds(folder: Path) -> tuple[Kind, ...]:
         return read(folder / "log.csv", path, 2, holes=True)
 
     def kept(path: Path) -> object:
-        (folder / "diagnosis.json").write_bytes(path.read_bytes())
+        (folder / "a" / "task.json").write_bytes(path.read_bytes())
         return told(folder)
+
+    task = kept_task(folder)
 
     return (
         Kind("log.csv", {name: one.encode() for name, one in texts.items()}, looked_at, 30),
@@ -218,7 +227,7 @@ def kinds(folder: Path) -> tuple[Kind, ...]:
         Kind("controller.toml", {"controller": CONTROLLER.encode()}, read_controller, 8),
         Kind("mpc.toml", {"predictive": PREDICTIVE.encode()}, read_configuration, 8),
         Kind("diagnosis.json", {"diagnosis": json.dumps(DIAGNOSIS).encode()}, verdict.read_verdict, 10),
-        Kind("kept.json", {"diagnosis": json.dumps(DIAGNOSIS).encode()}, kept, 6),
+        Kind("task.json", {"task": task}, kept, 6),
         Kind("calibration.json", {"frozen": calibration.CALIBRATION_FILE.read_bytes()}, calibration.read, 2),
         Kind(
             "cases.json",
@@ -245,14 +254,31 @@ def beside(path: Path, folder: Path) -> Path:
     return copy
 
 
+def machine_of(folder: Path) -> fleet_file.FleetMachine:
+    """The machine of a fleet in ``folder``."""
+    return fleet_file.FleetMachine("a", "paper", folder / "log.csv", None, None)
+
+
+def kept_task(folder: Path) -> bytes:
+    """The task.json of a machine that is diagnosed."""
+    (folder / "a").mkdir(exist_ok=True)
+    task = machine_task.make_machine_task(machine_of(folder))
+    found = DIAGNOSIS | {"parameters": {"mass_1": {"value": 1.0, "std": 0.1, "unit": "kg"}}}
+    causes = [cause | {"parameters": {}} for cause in found["causes"]]
+    row = machine_task.summarize_diagnosis(found | {"causes": causes})
+    outcome = Outcome(Status.DONE, row, seconds=1.0, processor_seconds=1.0)
+    result_store.ResultStore(folder).keep_outcome(task, task.hash_inputs(), outcome)
+    return (folder / "a" / "task.json").read_bytes()
+
+
 def told(folder: Path) -> object:
-    """Table and page of a fleet of one machine whose diagnosis.json lies in ``folder``."""
-    try:
-        found = fleet_diagnosis._read_diagnosis(folder)
-    except (fleet_diagnosis.InputFileError, ValueError) as error:
-        raise PlantError(error) from None
-    machine = fleet_file.FleetMachine("a", "paper", folder / "log.csv", None, None)
-    results = [fleet_diagnosis.MachineResult(machine, fleet_diagnosis.Status.DIAGNOSED, diagnosis=found)]
+    """Table and page of a fleet of one machine, which an earlier run diagnosed."""
+    machine = machine_of(folder)
+    outcome = result_store.ResultStore(folder).find_finished(machine_task.make_machine_task(machine))
+    if outcome is None:
+        raise PlantError("it is diagnosed again.")
+    result_store.ResultStore(folder).write_table({"a": outcome})
+    results = [fleet_diagnosis.MachineResult(machine, outcome)]
     fleet_diagnosis.write_json(folder / "fleet.json", fleet_diagnosis.summarize_fleet(results))
     fleet_page.write_fleet_page(folder / "fleet.html", folder / "fleet.toml", results)
     return results

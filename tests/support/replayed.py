@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import arms
 import numpy as np
@@ -83,7 +84,7 @@ def smooth(arm: Arm) -> Log:
     return Log(log.time, columns, 2, "smooth")
 
 
-def diagnosis(**changes: object) -> dict:
+def diagnosis(**changes: object) -> dict[str, Any]:
     """A diagnosis.json's content."""
     hysteresis = {"hysteresis_torque": {"value": 2.0, "std": 0.1, "unit": "N m"}, "hysteresis_angle": {"value": 2e-4}}
     causes = [

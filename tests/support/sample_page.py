@@ -20,7 +20,7 @@ def points(tip: np.ndarray) -> np.ndarray:
 
 
 def figures(word: Callable[[str], str]) -> list[str]:
-    curve, series, bars = figure.Curve, figure.Series, figure.BarGroup
+    curve, series, dots = figure.Curve, figure.Series, figure.DotGroup
     noisy = TORQUE + 0.1 * np.sin(300 * TIME)
     frequency = np.geomspace(0.1, 500.0, 300)
     return [
@@ -55,7 +55,7 @@ def figures(word: Callable[[str], str]) -> list[str]:
         figure.draw_planes(
             word("paths"),
             [
-                figure.Plane([curve(word("tip"), *TIP.T, time=TIME)], marks=[(0.4, 0.15, word("start"))]),
+                figure.Plane([curve(word("tip"), TIP[:, 0], TIP[:, 1], time=TIME)], marks=[(0.4, 0.15, word("start"))]),
                 figure.Plane([curve(word("tip"), *(TIP.T + 0.001))], heading=word("second")),
             ],
             x_label=word("x (m)"),
@@ -71,10 +71,10 @@ def figures(word: Callable[[str], str]) -> list[str]:
             log_x=True,
             log_y=True,
         ),
-        figure.draw_bars(
-            word("bars"),
+        figure.draw_dots(
+            word("dots"),
             [word("joint 1"), word("joint 2")],
-            [bars(word("before"), [12.0, 6.0]), bars(word("after"), [1.5, np.nan], ([1.2, np.nan], [1.7, np.nan]))],
+            [dots(word("before"), [12.0, 6.0]), dots(word("after"), [1.5, np.nan], ([1.2, np.nan], [1.7, np.nan]))],
             value_label=word("error (m)"),
             levels=[(1.0, word("noise"))],
         ),

@@ -12,7 +12,7 @@ enum {
 
 static void bridge_mpc_configure(void *const *a) {
     hda_guard_config config = {0};
-    bridge_config(a[3], a[4], &config);
+    hda_config_from_arrays(a[3], a[4], &config);
     *(int *)a[5] = hda_mpc_configure(a[0], a[1], a[2], &config);
 }
 

@@ -34,10 +34,10 @@ def evaluate_gap(before: Replay, after: Replay, held: LogPortion, flexible: Repl
     Source: Efron, Tibshirani, An Introduction to the Bootstrap (1993), 8.6.
 
     """
-    seen = [before, after]
+    replays = [before, after]
     if flexible is not None:
-        seen.append(flexible)
-    squares, rows, names = _sum_window_errors(before, seen, held)
+        replays.append(flexible)
+    squares, rows, names = _sum_window_errors(before, replays, held)
     each = np.sqrt(squares.sum(1) / rows.sum())
     left = combine_channel_errors(each)
     of_flexible = None

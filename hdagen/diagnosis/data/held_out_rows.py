@@ -69,9 +69,9 @@ def count_rows(found: Replay, log: Log, content: Mapping[str, Any], source: str)
                 "the log that was held out; take that one, with the same columns.toml."
             ]
         )
-    said = f"Errors and gap are counted over {number} of {len(log)} rows and in the noise that {source} states."
+    note = f"Errors and gap are counted over {number} of {len(log)} rows and in the noise that {source} states."
     counted = found.restrict_to_rows(log, rows, noise)
-    return replace(counted, notes=(*counted.notes, said))
+    return replace(counted, notes=(*counted.notes, note))
 
 
 def _find_entry(known: Sequence[str], wanted: str, source: str) -> str:

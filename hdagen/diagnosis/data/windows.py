@@ -18,8 +18,8 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import compute_torque_per_input
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 from hdagen.data_quality.log_repair import split_at_long_gaps
-from hdagen.data_quality.rank_check import LEAST_ROWS_PER_TERM
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion, Mask
 from hdagen.log.channel_statistics import compute_channel_statistics
@@ -127,16 +127,18 @@ class WindowedRecord:
     def sample_noise(self) -> Array:
         """Standard deviation of each sampled value (S, M). A channel that repeats a value in a window counts it once;
         the part that the clock causes follows the speed."""
-        told = []
+        repetitions = []
         for rows in self.sampled_rows:
-            seen = self.measured[self.rows[rows]]
-            told.append(np.broadcast_to(np.sqrt(len(rows) / (1 + (np.diff(seen, axis=0) != 0).sum(0))), seen.shape))
+            values = self.measured[self.rows[rows]]
+            repetitions.append(
+                np.broadcast_to(np.sqrt(len(rows) / (1 + (np.diff(values, axis=0) != 0).sum(0))), values.shape)
+            )
         if not self.log.time_uncertainty:
-            return np.concatenate(told) * self.noise
+            return np.concatenate(repetitions) * self.noise
         rows = self.rows[np.concatenate(self.sampled_rows)]
         moved = self.clock_noise[rows]
         sensor = np.sqrt(np.maximum(self.noise**2 - np.mean(self.clock_noise[self.visible_rows] ** 2, axis=0), 0.0))
-        return np.hypot(np.concatenate(told) * sensor, moved)
+        return np.hypot(np.concatenate(repetitions) * sensor, moved)
 
     @cached_property
     def joints_without_command(self) -> tuple[int, ...]:
@@ -238,7 +240,8 @@ def _measure_following_noise(log: Log, name: str, shown: Mask) -> float:
     It holds the sensor's noise and the error of the torque loop, which no data sheet states and which is much
     larger."""
     command = log[name_command_channel(name)]
-    most = max(int(shown.sum()) // LEAST_ROWS_PER_TERM - 2, 0)  # with more the fit would take the noise, too
+    # with more the fit would take the noise, too
+    most = max(int(shown.sum()) // CHANNEL_CHECK.least_rows_per_term - 2, 0)
     lags = np.arange(min(max(round(DATA.following_time / log.period), 1), most) + 1)
     past = np.stack([np.append(np.full(k, command[0]), command[: len(command) - k]) for k in lags], 1)
     A = np.column_stack([past, np.ones(len(command))])[shown]

@@ -84,20 +84,20 @@ def add_direct_evidence(decision: Decision, found: Sequence[DirectEvidence]) -> 
     added = [one for one in found if not _is_already_explained(one, decision)]
     if not added:
         return decision
-    strange = tuple(name for name in decision.verdict if name.startswith("unknown@"))
-    known = {name for name in decision.verdict if name not in strange} | {one.name for one in added}
-    names = (*sorted(known), *strange)
-    said = next(h for h in decision.hypotheses if h.names == decision.verdict)
+    unexplained = tuple(name for name in decision.verdict if name.startswith("unknown@"))
+    known = {name for name in decision.verdict if name not in unexplained} | {one.name for one in added}
+    names = (*sorted(known), *unexplained)
+    leading = next(h for h in decision.hypotheses if h.names == decision.verdict)
     same = next((h for h in decision.hypotheses if h.names == names), Hypothesis(names, 0.0, None))
-    others = [h for h in decision.hypotheses if h not in (said, same)]
-    probable, rest = max(said.probability, same.probability), sum(h.probability for h in others)
+    others = [h for h in decision.hypotheses if h not in (leading, same)]
+    probable, rest = max(leading.probability, same.probability), sum(h.probability for h in others)
     share = 0.0  # of the other hypotheses; the leading one keeps its calibrated probability
     if rest > 0.0:
         share = (1.0 - probable) / rest
     hypotheses = [replace(h, probability=h.probability * share) for h in others]
-    if not said.names:  # the hypothesis of no effect is always among them
-        hypotheses.append(replace(said, probability=0.0))
-    hypotheses.append(Hypothesis(names, probable if share else 1.0, same.fit or said.fit))
+    if not leading.names:  # the hypothesis of no effect is always among them
+        hypotheses.append(replace(leading, probability=0.0))
+    hypotheses.append(Hypothesis(names, probable if share else 1.0, same.fit or leading.fit))
     read_off = {one.name: one.parameters for one in added}
     if same.fit:
         read_off = {}
@@ -176,9 +176,9 @@ def _cross_validate_residual(one: EncoderDifference, which: Mask) -> float:
     parts = np.array_split(rows, DIRECT_EVIDENCE.folds)
     squares = 0.0
     for part in parts:
-        seen = one.loaded_rows.copy()
-        seen[part] = False
-        here = np.zeros(len(seen), bool)
-        here[part] = True
-        squares += float((one.subtract_terms(one.regress_terms(which, seen), here) ** 2).sum())
+        training_rows = one.loaded_rows.copy()
+        training_rows[part] = False
+        validation_rows = np.zeros(len(training_rows), bool)
+        validation_rows[part] = True
+        squares += float((one.subtract_terms(one.regress_terms(which, training_rows), validation_rows) ** 2).sum())
     return float(np.sqrt(squares / max(len(rows), 1)))

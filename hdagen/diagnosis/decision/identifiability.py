@@ -39,13 +39,13 @@ class Identifiability:
             temperature: of the likelihood (1).
 
         """
-        words = fit.sensitivities.candidates
-        self.fit, self.temperature, self.spike, self.sizes = fit, temperature, words.spike_widths, fit.posterior[0]
+        candidates = fit.sensitivities.candidates
+        self.fit, self.temperature, self.spike, self.sizes = fit, temperature, candidates.spike_widths, fit.posterior[0]
         self.motion = self._measure_information(fit.sensitivities)
         self.columns: dict[str, list[int]] = {}
-        for k, c in enumerate(words.columns):
+        for k, c in enumerate(candidates.columns):
             if c.candidate >= 0:
-                self.columns.setdefault(words.members[c.candidate].name, []).append(k)
+                self.columns.setdefault(candidates.members[c.candidate].name, []).append(k)
 
     def _measure_information(self, design: Sensitivities) -> tuple[Posterior, Array]:
         """The posterior of a design's columns with all effects in tolerance, and the log's information (P, P)."""
@@ -107,9 +107,9 @@ class Identifiability:
 
         """
         places = self.columns[name]
-        seen = _expect_posterior(self.motion, places, self.sizes[places])
-        true = self._measure_gain(name, seen)
-        behind = {other: true - self._measure_gain(other, seen) for other in self.columns if other != name}
+        posterior = _expect_posterior(self.motion, places, self.sizes[places])
+        true = self._measure_gain(name, posterior)
+        behind = {other: true - self._measure_gain(other, posterior) for other in self.columns if other != name}
         return sorted(
             (other for other in behind if behind[other] < CONFUSABLE_EVIDENCE), key=lambda other: (behind[other], other)
         )

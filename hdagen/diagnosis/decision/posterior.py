@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -16,6 +17,8 @@ import numpy as np
 from hdagen.arm.effect_catalogue import EffectTraits
 from hdagen.diagnosis.decision import calibration
 from hdagen.diagnosis.decision.decision_settings import DECISION
+from hdagen.diagnosis.decision.file_trust import find_strained_numbers
+from hdagen.diagnosis.decision.number_combinations import combine_numbers
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.inference.rollout import Rollout
@@ -45,6 +48,7 @@ class Decision:
 
     ``verdict`` has the effects as diagnosis.json does, ``probability`` is the calibrated one and
     ``uncalibrated_probability`` the one before calibration; ``best`` is the fit that the verdict stands on.
+    ``combinations`` has, by the name that stands for them, all numbers of the robot file that the motion cannot part.
     ``direct_evidence`` has the effects of the verdict with direct evidence that no fit has, by name@joint, with their
     parameters. ``undetectable`` is set where the verdict comes from long windows: the effects that these would not show
     in their usual size.
@@ -57,11 +61,25 @@ class Decision:
     best: Fit
     direct_evidence: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     undetectable: tuple[str, ...] | None = None
+    combinations: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def is_sure(self) -> bool:
-        """Whether the other hypotheses together hold at most a tenth of the probability."""
-        return 1.0 - self.probability <= DECISION.sure_below and not self.is_unknown
+        """Whether the other hypotheses together hold at most a tenth of the probability, and no effect may stand in for
+        numbers that the robot file claims to know too well."""
+        if self.is_unknown or 1.0 - self.probability > DECISION.sure_below:
+            return False
+        return not self.strained_numbers or all(name in self.numbers for name in self.verdict)
+
+    @property
+    def numbers(self) -> frozenset[str]:
+        """All candidates that are numbers of the robot file."""
+        return frozenset(atom.name for atom in self.best.sensitivities.candidates.members if atom.is_number)
+
+    @cached_property
+    def strained_numbers(self) -> tuple[str, ...]:
+        """The parameters that strain against what the robot file claims."""
+        return find_strained_numbers(self.best)
 
     @property
     def is_long_horizon(self) -> bool:
@@ -100,11 +118,22 @@ def measure_effect_sizes(fit: Fit) -> dict[str, float]:
 
     """
     words, stood = fit.sensitivities.candidates, fit.sensitivities.candidates.to_theta(fit.sensitivities.point.p)
-    whole = {
-        k: min(np.linalg.norm(one[words.amplitude_columns((k,))]) for one in (fit.posterior[0], stood))
-        for k in fit.effects
-    }
+    whole = {k: min(words.measure_size(k, one) for one in (fit.posterior[0], stood)) for k in fit.effects}
     return {words.members[k].name: float(size) * _measure_accumulated_share(k, fit) for k, size in whole.items()}
+
+
+def keep_present_effects(fit: Fit) -> tuple[str, ...]:
+    """Keep the effects of a fit that are large enough to count as present.
+
+    Args:
+        fit: with its effects.
+
+    Returns:
+        Their names, name@joint, sorted.
+
+    """
+    sizes = _relate_to_least_sizes(fit)
+    return tuple(name for name in fit.names if sizes[name] >= 1.0)
 
 
 def _relate_to_least_sizes(fit: Fit) -> dict[str, float]:
@@ -154,13 +183,19 @@ def score_hypotheses(
         ] - DECISION.most_evidence_deficit:
             weight[more] += weight[names]
             weight[names] = 0.0
-    traits = {atom.name: atom.traits for fit in fits.values() for atom in fit.sensitivities.candidates.members}
+    members = [atom for fit in fits.values() for atom in fit.sensitivities.candidates.members]
+    traits = {atom.name: atom.traits for atom in members}
+    numbers = frozenset(atom.name for atom in members if atom.is_number)
     seen = {fit: _relate_to_least_sizes(fit) for fit in set(stands.values())}
     for names in sorted(stands, key=len, reverse=True):
-        less = _drop_negligible(names, seen[stands[names]], evidence, traits)
+        less = _drop_negligible(names, seen[stands[names]], evidence, traits, numbers)
         if less != names:
-            weight[less if less in weight else ()] += weight[names]
+            less = less if less in weight else ()
+            weight[less] += weight[names]
             weight[names] = 0.0
+            if less:  # it stands for the larger set from here on
+                evidence[less] = max(evidence[less], evidence[names])
+    combinations = combine_numbers(weight, own, numbers, traits)
     total = sum(weight.values())
     order = sorted(weight, key=lambda names: (-weight[names], names))
     left = lead  # what even the best of all leaves
@@ -171,7 +206,7 @@ def score_hypotheses(
     joint = int(np.argmax(left.unexplained_torque)) + 1
     if unknown:
         hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))
-    return conclude_verdict(hypotheses, left)
+    return replace(conclude_verdict(hypotheses, left), combinations=combinations)
 
 
 def _collect_evidence(
@@ -299,15 +334,19 @@ def _drop_negligible(
     size: Mapping[str, float],
     evidence: Mapping[tuple[str, ...], float],
     traits: Mapping[str, EffectTraits],
+    numbers: frozenset[str] = frozenset(),
 ) -> tuple[str, ...]:
     """The set without effects too small to count, ``size`` being in multiples of the least that does.
 
-    It also goes without an effect that only corrects the formula of others of its kind on the same joint.
+    It also goes without an effect that only corrects the formula of others of its kind on the same joint. Two
+    ``numbers`` of the robot file correct no formula of each other, and one that is off by its usual size corrects none.
     """
     large = tuple(name for name in names if size[name] >= 1.0)
-    for name in large if large == names else ():
-        rest = tuple(n for n in names if n != name)
-        alike = [n for n in rest if _are_interchangeable(name, n, traits)]
+    rests = {name: tuple(n for n in names if n != name) for name in large if large == names}
+    for name, rest in sorted(rests.items(), key=lambda item: -evidence.get(item[1], -np.inf)):  # the least missed first
+        far = {n for n in names if n in numbers and size[n] * CANDIDATES.present_size >= 1.0}
+        pairs = [n for n in rest if _are_interchangeable(name, n, traits) and not {name, n} <= numbers]
+        alike = [n for n in pairs if not {name, n} & far]
         without = tuple(n for n in rest if n not in alike)
         least = DECISION.form_correction_share * (evidence.get(rest, np.inf) - evidence.get(without, evidence[()]))
         if alike and evidence[names] - evidence.get(rest, -np.inf) < least:
@@ -318,12 +357,15 @@ def _drop_negligible(
 def _are_interchangeable(one: str, other: str, traits: Mapping[str, EffectTraits]) -> bool:
     """Whether both effects act between the encoders of the same joint, or are friction of the same motor.
 
-    No machine has exactly the formula of either. A wall acts beyond one angle alone, and corrects no gear's formula.
+    No machine has exactly the formula of either. A wall acts beyond one angle alone, and corrects no gear's formula;
+    nor does a mass or an inertia.
     """
     if one.partition("@")[2] != other.partition("@")[2]:
         return False
     both = (traits[one], traits[other])
-    in_gear = all(effect.place in PLACES_BETWEEN_ENCODERS and not effect.walls for effect in both)
+    in_gear = all(
+        effect.place in PLACES_BETWEEN_ENCODERS and not effect.walls and not effect.alternatives for effect in both
+    )
     return in_gear or all(effect.is_friction for effect in both)
 
 

@@ -13,10 +13,14 @@ import numpy as np
 from hdagen.adoption import verdict
 from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.arm_parameters import Parameter
+from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.decision.decision_settings import DECISION
+from hdagen.diagnosis.decision.file_trust import describe_factor
 from hdagen.diagnosis.decision.identifiability import Identifiability
 from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
+from hdagen.diagnosis.inference.candidate_priors import Candidate
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_ranking import first_with_columns
@@ -35,7 +39,7 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
 
     """
     best = decision.best
-    place = {atom.name: atom.place for fit in found.fits for atom in fit.sensitivities.candidates.members}
+    members = {atom.name: atom for fit in found.fits for atom in fit.sensitivities.candidates.members}
     named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown@"))
     likely = {name: decision.marginal_probability(name) for name in named}
     whole = best
@@ -45,6 +49,34 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
     unseen: Sequence[str] | None = decision.undetectable
     if unseen is None:
         unseen = told.find_undetectable()
+    return {
+        "schema": SCHEMA,
+        "verdict": list(decision.verdict),
+        "sure": decision.is_sure,
+        "where": [_locate_entry(entry, members) for entry in decision.verdict],
+        "causes": _describe_causes(decision, likely, told, members),
+        "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
+        "parameters": estimate_base_parameters(best),
+        "undetectable": [name for name in unseen if name not in decision.verdict],
+        "tried": sorted(members),
+        "method": {
+            "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
+            "uncalibrated_probability": decision.uncalibrated_probability,
+            "present_size": CANDIDATES.present_size,
+            "most_doubt": DECISION.sure_below,
+            "strained": list(decision.strained_numbers),
+            "nuisance_width": best.sensitivities.candidates.spike_scale,
+            "unexplained_torque": best.score.posterior.s,
+            "noise_scale": math.sqrt(best.score.posterior.noise_level),
+        },
+    }
+
+
+def _describe_causes(
+    decision: Decision, likely: Mapping[str, float], told: Identifiability, members: Mapping[str, Candidate]
+) -> list[dict[str, Any]]:
+    """All candidates that were tried, the most probable first."""
+    arm = decision.best.sensitivities.shooting.arm
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         others = [
@@ -54,28 +86,17 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
         ]
         if name in decision.verdict and name in told.columns and not decision.is_long_horizon:
             others += told.find_confusable(name)
-        others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
-        experiments = suggest_experiments(best.sensitivities.shooting.arm.effects, name, others)
-        causes.append(_describe_cause(name, likely[name], _list_parameters(name, decision), others, experiments))
-    return {
-        "schema": SCHEMA,
-        "verdict": list(decision.verdict),
-        "sure": decision.is_sure,
-        "where": [_locate_entry(entry, place.get(entry, "motor")) for entry in decision.verdict],
-        "causes": causes,
-        "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
-        "parameters": estimate_base_parameters(best),
-        "undetectable": [name for name in unseen if name not in decision.verdict],
-        "method": {
-            "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
-            "uncalibrated_probability": decision.uncalibrated_probability,
-            "present_size": CANDIDATES.present_size,
-            "most_doubt": DECISION.sure_below,
-            "nuisance_width": best.sensitivities.candidates.spike_scale,
-            "unexplained_torque": best.score.posterior.s,
-            "noise_scale": math.sqrt(best.score.posterior.noise_level),
-        },
-    }
+        same = {*decision.verdict, *decision.combinations.get(name, ())}
+        others = [o for o in dict.fromkeys(others) if o not in same]
+        experiments = suggest_experiments(arm.effects, name, others)
+        parameters = _list_parameters(name, decision)
+        cause = _describe_cause(name, likely[name], parameters, others, experiments)
+        if name in members:
+            cause["parameters"] |= describe_factor(members[name], arm.parameters.described, parameters)
+        if name in decision.combinations:
+            cause["combination"] = list(decision.combinations[name])
+        causes.append(cause)
+    return causes
 
 
 def _compute_alternative_probability(decision: Decision, name: str, other: str) -> float:
@@ -94,8 +115,11 @@ def _compute_alternative_probability(decision: Decision, name: str, other: str) 
     )
 
 
-def _locate_entry(entry: str, place: str) -> dict[str, Any]:
+def _locate_entry(entry: str, members: Mapping[str, Candidate]) -> dict[str, Any]:
     """Joint and place of an effect; its share, and when it acts, are filled in later."""
+    place = "motor"
+    if entry in members:
+        place = members[entry].place
     return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "interval": None, "when": ""}
 
 
@@ -109,9 +133,13 @@ def _list_parameters(name: str, decision: Decision) -> dict[str, Any]:
         return estimate_parameters(
             fit, next(k for k in fit.effects if fit.sensitivities.candidates.members[k].name == name)
         )
-    described = decision.best.sensitivities.shooting.arm.parameters.described
-    read_off = decision.direct_evidence[name].items()
-    return {key: {"value": value, "std": None, "unit": described[key].unit, "end": None} for key, value in read_off}
+    arm = decision.best.sensitivities.shooting.arm
+    described = arm.parameters.described
+    return {
+        key: {"value": value, "std": None, "unit": described[key].unit, "end": None}
+        | {"file": _find_file_number(arm, described[key])}
+        for key, value in decision.direct_evidence[name].items()
+    }
 
 
 def _describe_cause(
@@ -149,13 +177,14 @@ def estimate_parameters(fit: Fit, atom: int) -> dict[str, Any]:
     words, described = fit.sensitivities.candidates, fit.sensitivities.shooting.arm.parameters.described
     columns, (mean, covariance) = words.columns, fit.posterior
     free, std = words.amplitude_columns((atom,)), np.sqrt(np.diagonal(covariance))
-    told = np.diagonal(np.linalg.inv(covariance / std / std[:, None]))  # 1 where no other parameter compensates
-    alone = (std / np.sqrt(np.maximum(told, 1.0)))[free]  # std, all others being held
+    alone = _compute_conditional_deviations(covariance)[free]
     spread = {columns[k].parameter: float(std[k]) * columns[k].unit for k in free}
     names = (*spread, *words.members[atom].shapes)
     found = {
         name: _describe_estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names
     }
+    for k, own in zip(free, alone, strict=True):
+        found[columns[k].parameter]["conditional_std"] = float(own) * columns[k].unit
     silent = [
         columns[k] for k, own in zip(free, alone, strict=True) if abs(mean[k]) < DECISION.present_from_deviations * own
     ]
@@ -163,6 +192,13 @@ def estimate_parameters(fit: Fit, atom: int) -> dict[str, Any]:
         for column in silent:
             found[column.parameter] |= {"value": column.center, "end": None}
     return found
+
+
+def _compute_conditional_deviations(covariance: Array) -> Array:
+    """Standard deviation (P) of each parameter while all others are held, from the covariance (P, P) of all."""
+    std = np.sqrt(np.diagonal(covariance))
+    inflation = np.diagonal(np.linalg.inv(covariance / std / std[:, None]))  # 1 where no other parameter compensates
+    return np.asarray(std / np.sqrt(np.maximum(inflation, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,6 +279,7 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
     """
     described, (_, covariance) = best.sensitivities.shooting.arm.parameters.described, best.posterior
     places = {name: k for k, name in enumerate(described)}
+    held = _compute_conditional_deviations(covariance)
     free = [(k, c) for k, c in enumerate(best.sensitivities.candidates.columns) if c.candidate not in best.effects]
     spread = {
         c.parameter: math.sqrt(covariance[k, k]) * c.unit
@@ -254,6 +291,9 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
         for _, c in free
         if c.in_every_hypothesis and described[c.parameter].tolerance > 0
     }
+    conditional = {c.parameter: float(held[k]) * c.unit for k, c in free}
+    for name, one in found.items():
+        one["conditional_std"] = conditional[name]
     for c in (c for _, c in free if c.parameter in spread):
         equivalent = described[c.parameter].equivalent
         if equivalent is None:
@@ -262,16 +302,26 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
         one = found.get(gravity.name) or _describe_estimate(best, gravity, places[gravity.name], 0.0)
         leaned = float(best.sensitivities.point.p[c.index]) - described[c.parameter].nominal
         one |= {"value": one["value"] + leaned, "std": math.hypot(one["std"], spread[c.parameter])}
+        one["conditional_std"] = min(one.get("conditional_std", math.inf), conditional[c.parameter])
         prior = gravity.tolerance * abs(gravity.nominal)
         found[gravity.name] = one | {"prior": math.hypot(prior, c.spike_width * c.unit)}
     return found
 
 
 def _describe_estimate(fit: Fit, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
-    """Value, std and unit of a parameter; ``end`` is the end of its range that it stands at, if it does."""
+    """Value, std and unit of a parameter, and the robot file's number; ``end``: of its range, that it stands at."""
     value, ends = float(fit.sensitivities.point.p[place]), {"low": parameter.low, "high": parameter.high}
     least = {name: DECISION.bound_tolerance * max(abs(end), abs(parameter.nominal)) for name, end in ends.items()}
     end = next((name for name in ends if abs(value - ends[name]) <= least[name]), None)
     if value == parameter.nominal:
         end = None
-    return {"value": value, "std": std, "unit": parameter.unit, "end": end}
+    file = _find_file_number(fit.sensitivities.shooting.arm, parameter)
+    return {"value": value, "std": std, "unit": parameter.unit, "end": end, "file": file}
+
+
+def _find_file_number(arm: Arm, parameter: Parameter) -> float | None:
+    """The robot file's number of a parameter; None of an effect that the file does not have."""
+    stated = {(effect["name"], effect["joint"]) for effect in arm.robot["effects"]}
+    if parameter.role == "base" or (parameter.effect, parameter.joint) in stated:
+        return parameter.nominal
+    return None

@@ -36,10 +36,10 @@ def refuse_wrong_robot(best: Fit) -> str | None:
     if not off or gammaincc(0.5 * len(off), 0.5 * sum(z**2 for z in off.values())) >= DECISION.least_file_probability:
         return None
     first = sorted(off, key=lambda name: -abs(off[name]))[: DECISION.most_shown_parameters]
-    said = ", ".join(f"{name} by {abs(off[name]):.1f}" for name in first)
+    deviations = ", ".join(f"{name} by {abs(off[name]):.1f}" for name in first)
     named = " and ".join(best.names) or "no effect"
     return (
-        f"the robot file does not describe the machine of this log: even with {named} "
-        f"its numbers would have to be off by many of their tolerances ({said}); take this machine's robot file, or "
-        "state the tolerances that its numbers have."
+        f"the robot file does not describe the machine of this log: even with {named} its numbers would have to be off"
+        f" by many of their tolerances ({deviations}); take this machine's robot file, or state the tolerances that its"
+        " numbers have."
     )

@@ -115,11 +115,15 @@ class HoldoutJudge:
         """
         if not (without_it := remove_unknown(strange)).verdict:
             return None
-        alone = self._state_leading_set(without_it)
-        if alone.decision.best is not without_it.best and not alone.decision.direct_evidence:
-            strange = replace(strange, hypotheses=alone.decision.hypotheses, best=alone.decision.best)
-        tried = reweigh_unknown(strange, alone.confirmed.effects, self.motion, alone.confirmed.after)
-        if tried.is_unknown or is_at_bound(alone.confirmed.effects, alone.stated.causes):
+        known_statement = self._state_leading_set(without_it)
+        if known_statement.decision.best is not without_it.best and not known_statement.decision.direct_evidence:
+            strange = replace(
+                strange, hypotheses=known_statement.decision.hypotheses, best=known_statement.decision.best
+            )
+        tried = reweigh_unknown(
+            strange, known_statement.confirmed.effects, self.motion, known_statement.confirmed.after
+        )
+        if tried.is_unknown or is_at_bound(known_statement.confirmed.effects, known_statement.stated.causes):
             return None
         return tried
 
@@ -199,8 +203,8 @@ class HoldoutJudge:
 
     def _measure(self, stated: Statement, decision: Decision) -> Mapping[str, Any]:
         """The gap with a decision; that of the ``stated`` one is known."""
-        told = stated if decision is stated.decision else self.state_decision(decision)
-        return told.confirmed.gap
+        measured = stated if decision is stated.decision else self.state_decision(decision)
+        return measured.confirmed.gap
 
     def _state_with_direct_evidence(self, decision: Decision) -> Statement:
         """The statement with direct evidence, or without it where the motion does not confirm it."""

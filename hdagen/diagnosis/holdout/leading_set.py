@@ -3,6 +3,11 @@
 A probability says how well a set of effects tells the short windows that it was fitted to. Another set may tell other
 motion far better. So the next sets are replayed on motion that no fit saw, and one that leaves several times as much of
 it as another cannot lead: the better one takes its place. It is not sure then, as the windows say otherwise.
+
+Ordinary frictions, those that a robot file states, need less. Every drive has them, so they are expected where a rarer
+friction is not. A set whose frictions are all ordinary takes the lead in two cases. Either it leaves less of the unseen
+motion, by more than a small effect may. Or the leader has a rarer friction, leaves many times the noise, and tells that
+motion about as well only.
 """
 
 from __future__ import annotations
@@ -12,8 +17,11 @@ from dataclasses import replace
 from typing import Any
 
 from hdagen.diagnosis.data.data_settings import DATA
-from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
+from hdagen.diagnosis.decision.posterior import Decision, Hypothesis, keep_present_effects
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
+from hdagen.diagnosis.holdout.small_effects import is_gap_alike
+from hdagen.diagnosis.inference.local_fit import Fit
+from hdagen.diagnosis.search.ordinary_frictions import is_ordinary
 
 Gap = Mapping[str, Any]  # `gap` of diagnosis.json
 
@@ -31,6 +39,12 @@ def lead_on_unseen_motion(decision: Decision, measure: Callable[[Decision], Gap]
     """
     if decision.is_unknown or decision.direct_evidence or not decision.verdict:
         return decision
+    decision = _lead_with_better_set(decision, measure)
+    return _lead_with_ordinary_frictions(decision, measure)
+
+
+def _lead_with_better_set(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
+    """Put the set first that leaves several times less than the leader."""
     left = float(measure(decision)["after"])
     if left <= DATA.significant_noise_multiple:
         return decision
@@ -39,6 +53,32 @@ def lead_on_unseen_motion(decision: Decision, measure: Callable[[Decision], Gap]
     gaps = {one.verdict: float(measure(one)["after"]) for one in tried}
     best = min(tried, key=lambda one: gaps[one.verdict], default=decision)
     return best if gaps.get(best.verdict, left) * HOLDOUT_CHECK.leading_gap_ratio < left else decision
+
+
+def _lead_with_ordinary_frictions(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
+    """Put the smallest set of ordinary frictions first of those that leave least, where it leaves less than the leader
+    or stands for a rarer friction of it."""
+    if not _has_friction(decision.best):
+        return decision
+    others = {h.names: h for h in decision.hypotheses if h.fit and h.names != decision.verdict and is_ordinary(h.fit)}
+    large = {keep_present_effects(h.fit) for h in others.values() if h.fit}
+    tried = [exchange_leader(decision, others[names]) for names in sorted(large & others.keys())]
+    gaps = {one.verdict: measure(one) for one in tried}
+    if not tried:
+        return decision
+    least = min(gaps.values(), key=lambda gap: float(gap["after"]))
+    best = min((one for one in tried if is_gap_alike(least, gaps[one.verdict])), key=lambda one: len(one.verdict))
+    told, ordinary = measure(decision), gaps[best.verdict]
+    if not is_gap_alike(ordinary, told):
+        return best if ordinary["after"] < told["after"] else decision
+    is_rare = not is_ordinary(decision.best) and told["after"] > DATA.significant_noise_multiple
+    return best if is_rare and is_gap_alike(told, ordinary) else decision
+
+
+def _has_friction(fit: Fit) -> bool:
+    """Tell whether a fit has a friction."""
+    members = fit.sensitivities.candidates.members
+    return any(members[k].traits.is_friction for k in fit.effects)
 
 
 def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:

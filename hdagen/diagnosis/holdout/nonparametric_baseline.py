@@ -100,23 +100,25 @@ def fit_nonparametric_baseline(arm: Arm, shown: LogPortion, held_out: LogPortion
     Source: Rahimi, Recht, NIPS 20 (2007) 1177 (random features).
 
     """
-    seen = held = _balance_torque(arm, held_out.log, before)
+    balance = held = _balance_torque(arm, held_out.log, before)
     if shown.log is not held_out.log:
-        seen = _balance_torque(arm, shown.log, replay(arm, shown.log))
-    kept = seen.motion.valid & shown.covers(seen.motion.time)
-    raw = _stack_measurements(seen)
+        balance = _balance_torque(arm, shown.log, replay(arm, shown.log))
+    kept = balance.motion.valid & shown.covers(balance.motion.time)
+    raw = _stack_measurements(balance)
     basis = _draw_basis(raw)
-    features = basis.compute_features(seen, raw)
-    missing = seen.residual(arm.p)
+    features = basis.compute_features(balance, raw)
+    missing = balance.residual(arm.p)
     whole = missing.motor
     if missing.link is not None:
-        whole = missing.motor + missing.link / seen.motion.ratio
+        whole = missing.motor + missing.link / balance.motion.ratio
     maps = [RidgeRegression.fit(features[j][kept], whole[kept, j]) for j in range(arm.n)]
-    currents = [_fit_current_correction(shown, seen.motion.replays[0], name) for name in _name_input_readings(seen)]
-    fitted = _replay_corrected(seen, currents, [on(x) for on, x in zip(maps, features, strict=True)])
-    errors = [_fit_encoder_correction(j, seen, kept, x, fitted) for j, x in enumerate(features, 1)]
+    currents = [
+        _fit_current_correction(shown, balance.motion.replays[0], name) for name in _name_input_readings(balance)
+    ]
+    fitted = _replay_corrected(balance, currents, [on(x) for on, x in zip(maps, features, strict=True)])
+    errors = [_fit_encoder_correction(j, balance, kept, x, fitted) for j, x in enumerate(features, 1)]
     found = fitted
-    if held is not seen:  # one log's features at a time, as they fill the memory
+    if held is not balance:  # one log's features at a time, as they fill the memory
         features = basis.compute_features(held, _stack_measurements(held))
         found = _replay_corrected(held, currents, [on(x) for on, x in zip(maps, features, strict=True)])
     columns = dict(found.columns)

@@ -43,28 +43,28 @@ def rank_nuisance_effects(
         PlantError: a model cannot be simulated.
 
     """
-    words, described = best.sensitivities.candidates, best.sensitivities.shooting.arm.parameters.described
+    candidates, described = best.sensitivities.candidates, best.sensitivities.shooting.arm.parameters.described
     mean, covariance = best.posterior
     clear: dict[int, float] = {}
-    for k, c in enumerate(words.columns):
+    for k, c in enumerate(candidates.columns):
         # base parameters go with the verdict, and so does the base's tilt
         q = described[c.parameter]
         goes_along = c.candidate < 0 or q.equivalent is not None or q.tolerance > 0
-        if not goes_along and words.members[c.candidate].name not in best.names:
-            told = abs(float(mean[k])) / math.sqrt(covariance[k, k])
-            clear[c.candidate] = max(told, clear.get(c.candidate, HOLDOUT_CHECK.clear_deviations))
+        if not goes_along and candidates.members[c.candidate].name not in best.names:
+            deviations = abs(float(mean[k])) / math.sqrt(covariance[k, k])
+            clear[c.candidate] = max(deviations, clear.get(c.candidate, HOLDOUT_CHECK.clear_deviations))
     left = evaluate_gap(before, after, held)["after"]
 
     def worth(atom: int) -> dict[str, Any]:
         """The entry of one candidate, replayed as large as the fit has it, beside the verdict."""
-        effect, (arm, _) = words.members[atom], verdict.apply_verdict(best.sensitivities.shooting.arm, said)
+        effect, (arm, _) = candidates.members[atom], verdict.apply_verdict(best.sensitivities.shooting.arm, said)
         parameters = estimate_parameters(best, atom)
         arm.parameters.update({name: one["value"] for name, one in parameters.items()})
         return {
             "effect": effect.effect,
             "joint": effect.joint,
             "parameters": parameters,
-            "size": float(np.linalg.norm(mean[words.amplitude_columns((atom,))])),
+            "size": float(np.linalg.norm(mean[candidates.amplitude_columns((atom,))])),
             "gap": evaluate_gap(before, seen(arm), held)["after"],
         }
 

@@ -46,24 +46,35 @@ def drop_small_effects(
     """
     small: list[dict[str, Any]] = []
     while len(decision.verdict) > 1 and not decision.is_unknown and not decision.direct_evidence:
-        told = measure(decision)
-        if told["after"] >= told["before"]:  # nothing of it stands
+        gap_with_all = measure(decision)
+        if gap_with_all["after"] >= gap_with_all["before"]:  # nothing of it stands
             break
         tried = [name for name in decision.verdict if name not in kept]
         lesser = {name: one for name in tried if (one := drop_effects(decision, fitted, name))}
         left = {name: measure(one) for name, one in lesser.items()}
-        little = [name for name, gap in left.items() if _is_little(told, gap)]
+        little = [name for name, gap in left.items() if is_gap_alike(gap_with_all, gap)]
         if not little:
             break
         name = max(little, key=lambda one: lesser[one].best.evidence_here)
         effect, _, joint = name.partition("@")
-        small.append({"effect": effect, "joint": int(joint), "with": told["after"], "without": left[name]["after"]})
+        small.append(
+            {"effect": effect, "joint": int(joint), "with": gap_with_all["after"], "without": left[name]["after"]}
+        )
         decision = lesser[name]
     return decision, small
 
 
-def _is_little(told: Gap, without: Gap) -> bool:
-    """Whether a gap ``without`` an effect is about that with it, in all and in every channel."""
+def is_gap_alike(told: Gap, without: Gap) -> bool:
+    """Tell whether one gap is no larger, or about as large only, as another, in all and in every channel.
+
+    Args:
+        told: `gap` of diagnosis.json.
+        without: the gap that may be larger, as that without an effect.
+
+    Returns:
+        False where it is clearly larger.
+
+    """
     channels = ((told["by_channel"][name]["after"], one["after"]) for name, one in without["by_channel"].items())
     alike = all(_is_alike(before, after, HOLDOUT_CHECK.negligible_channel_ratio) for before, after in channels)
     return alike and _is_alike(told["after"], without["after"], HOLDOUT_CHECK.negligible_gap_ratio)

@@ -89,7 +89,9 @@ def measure_holdout(
 
     """
     refitted = verdict.apply_verdict(plain, base)[0]
-    before, alone = simulate(plain), simulate(refitted)
+    before, without_effects = simulate(plain), simulate(refitted)
     held = portion.without_windows(before.guessed_starts, before.starts)
-    flexible = choose_closest_replay([before, alone, fit_nonparametric_baseline(refitted, shown, held, alone)], held)
-    return HoldoutMotion(held, simulate, before, alone, flexible)
+    flexible = choose_closest_replay(
+        [before, without_effects, fit_nonparametric_baseline(refitted, shown, held, without_effects)], held
+    )
+    return HoldoutMotion(held, simulate, before, without_effects, flexible)

@@ -91,16 +91,16 @@ def withdraw_harmful(
     """
     last = motions[-1]
     for base in _list_base_parameters(stated, fitted, alone):
-        said = stated.build_verdict(base)
-        arm = verdict.apply_verdict(named, said)[0]
+        stated_verdict = stated.build_verdict(base)
+        arm = verdict.apply_verdict(named, stated_verdict)[0]
         replays = [motion.simulate(arm) for motion in motions]
         gaps = [motion.measure_gap(after) for motion, after in zip(motions, replays, strict=True)]
-        bent = bool(said.unexplained_joints and base)
+        bent = bool(stated_verdict.unexplained_joints and base)
         if all(gap["before"] >= HOLDOUT_CHECK.least_explainable_gap and _closes_gap(gap, bent) for gap in gaps):
             return ConfirmedVerdict(stated.names, base, False, gaps[-1], named, replays[-1])
     kept: tuple[str, ...] = ()
     if gaps[-1]["before"] >= HOLDOUT_CHECK.least_explainable_gap:
-        kept = tuple(f"unknown@{joint}" for joint in said.unexplained_joints)
+        kept = tuple(f"unknown@{joint}" for joint in stated_verdict.unexplained_joints)
     return ConfirmedVerdict(kept, {}, True, last.measure_gap(last.before), plain, last.before)
 
 
@@ -170,15 +170,15 @@ def doubt_on_holdout(
     if share <= HOLDOUT_CHECK.most_remaining_share:
         return decision, None
     standing = tuple(name for name in said if _least_left(name, left) <= HOLDOUT_CHECK.most_remaining_share)
-    told = {"verdict": list(decision.verdict), "joint": joint, "left": share}
+    doubts = {"verdict": list(decision.verdict), "joint": joint, "left": share}
     if not standing:
         return _set_unknown_odds(
             decision, (share / HOLDOUT_CHECK.most_remaining_share) ** HOLDOUT_CHECK.unknown_odds_power, joint
-        ), told
+        ), doubts
     if standing == decision.verdict:
         return decision, None
     fewer = drop_effects(decision, fitted, *(name for name in decision.verdict if name not in standing))
-    return (fewer, told) if fewer else (decision, None)
+    return (fewer, doubts) if fewer else (decision, None)
 
 
 def _least_left(name: str, left: Mapping[int, float]) -> float:
@@ -264,8 +264,8 @@ def _set_unknown_odds(decision: Decision, odds: float, joint: int) -> Decision:
     named = [h for h in decision.hypotheses if not h.is_unknown]
     total = sum(h.probability for h in named)
     shared = [replace(h, probability=(1.0 - unknown) * h.probability / total) for h in named]
-    strange = [Hypothesis((f"unknown@{joint}",), unknown, None)] if unknown else []
-    return replace(conclude_verdict([*shared, *strange], decision.best), undetectable=decision.undetectable)
+    unexplained = [Hypothesis((f"unknown@{joint}",), unknown, None)] if unknown else []
+    return replace(conclude_verdict([*shared, *unexplained], decision.best), undetectable=decision.undetectable)
 
 
 def build_fitted_arm(decision: Decision) -> Arm:
@@ -301,9 +301,9 @@ def measure_remaining_shares(
         By joint the share (1), 0 where the error that is left does not count.
 
     """
-    said, tolerating = (measure_remaining_errors(before, one, held) for one in (after, whole))
-    alone = {j for j in named if said.get(j, 0.0) > HOLDOUT_CHECK.unclosed_share}
-    return {j: share if j in alone else min(share, tolerating[j]) for j, share in said.items()}
+    shares, tolerating = (measure_remaining_errors(before, one, held) for one in (after, whole))
+    unclosed = {j for j in named if shares.get(j, 0.0) > HOLDOUT_CHECK.unclosed_share}
+    return {j: share if j in unclosed else min(share, tolerating[j]) for j, share in shares.items()}
 
 
 def measure_remaining_errors(before: Replay, after: Replay, held: LogPortion) -> dict[int, float]:

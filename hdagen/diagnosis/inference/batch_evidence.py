@@ -61,9 +61,11 @@ class ResidualBatch:
         for _ in range(LIKELIHOOD.most_reweightings):
             weight, log = 1.0 / kappa2, logdet + freedom @ np.log(kappa2)
             H = (weight.T @ N.reshape(windows, -1)).reshape(-1, P, P)
-            told, squares = np.einsum("wa,wpa->ap", weight, b[..., still]), (weight * c[:, still]).sum(0)
+            projections, squares = np.einsum("wa,wpa->ap", weight, b[..., still]), (weight * c[:, still]).sum(0)
             means = np.empty((P, len(still)))
-            for place, (k, *summed) in enumerate(zip(still, H, told, squares.tolist(), log.tolist(), strict=True)):
+            for place, (k, *summed) in enumerate(
+                zip(still, H, projections, squares.tolist(), log.tolist(), strict=True)
+            ):
                 at = apply_laplace(
                     TotalNormalEquations(*summed), spikes[k], s, kappa2[:, place], None, self.temperature
                 )

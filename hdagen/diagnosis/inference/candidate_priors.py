@@ -33,13 +33,17 @@ SCALE_FREE_UNITS = (
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect at a joint (0: the whole arm) with fixed shapes, which may be the default ones."""
+    """An effect at a joint (0: the whole arm) with fixed shapes, which may be the default ones.
+
+    ``is_number``: the robot file states its size, which may be wrong by a factor.
+    """
 
     traits: EffectTraits
     joint: int
     amplitudes: tuple[str, ...]
     shapes: Mapping[str, float]
     has_default_shapes: bool
+    is_number: bool = False
 
     @property
     def effect(self) -> str:
@@ -101,7 +105,7 @@ class Column:
     ``index``: its place in p; ``center``: the value at θ = 0; ``unit`` of θ; ``spike``: prior standard deviation of θ;
     ``atom``: the candidate whose amplitude it is (−1: none); ``base``: every hypothesis fits it, as it does the keys of
     the robot file and the shapes of its own effects; ``seen``: initial guess of θ from the log (0: none);
-    ``background_size``: θ that every machine has a share of.
+    ``background_size``: θ that every machine has a share of; ``stated``: the number that the robot file states.
     """
 
     parameter: str
@@ -114,6 +118,7 @@ class Column:
     step: float = CANDIDATES.column_step
     initial_guess: float = 0.0
     background_size: float = 1.0
+    stated: float = 0.0
 
     @property
     def initial_value(self) -> float:
@@ -218,10 +223,34 @@ class CandidateSet:
             k: place of the candidate.
 
         """
-        return max(
-            CANDIDATES.present_size,
-            CANDIDATES.base_deviation_limit * float(self.spike_widths[self.amplitude_columns((k,))].max(initial=0.0)),
-        )
+        theta = np.zeros(len(self.columns))
+        own = self.amplitude_columns((k,))
+        theta[own] = CANDIDATES.base_deviation_limit * float(self.spike_widths[own].max(initial=0.0))
+        if len(own) > 1:
+            return max(CANDIDATES.present_size, float(theta[own].max()))
+        return max(CANDIDATES.present_size, self.measure_size(k, theta))
+
+    def measure_size(self, k: int, theta: Array) -> float:
+        """Measure the size of a candidate. That of a number that the robot file states is the logarithm of its factor,
+        as it may be too large by as many times as too small.
+
+        Args:
+            k: place of the candidate.
+            theta: θ (P).
+
+        Returns:
+            The size in usual sizes; sine and cosine of one effect count together.
+
+        """
+        own = self.amplitude_columns((k,))
+        size = float(np.linalg.norm(theta[own]))
+        if not self.members[k].is_number or len(own) != 1:
+            return size
+        usual = self.columns[own[0]].unit / self.columns[own[0]].stated
+        factor = 1.0 + float(theta[own[0]]) * usual
+        if factor <= 0.0:
+            return size
+        return abs(math.log(factor)) / math.log1p(abs(usual))
 
     def hypothesis_columns(self, atoms: tuple[int, ...]) -> np.ndarray:
         """Return the places of the columns that only a hypothesis has: its amplitudes and shapes.

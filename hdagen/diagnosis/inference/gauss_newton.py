@@ -39,9 +39,9 @@ def descend_gauss_newton(
         The design at the last point; ``at`` itself where no step helped.
 
     """
-    words, s, prior = at.candidates, share * lead.posterior.s, compute_hypothesis_widths(at, atoms)
+    candidates, s, prior = at.candidates, share * lead.posterior.s, compute_hypothesis_widths(at, atoms)
     at = _restart_bad_windows(at, s)
-    bounds, linear = words.theta_bounds(at.shooting.arm), at.linear_model()
+    bounds, linear = candidates.theta_bounds(at.shooting.arm), at.linear_model()
     cost = linear.cost(s, prior)
     for _ in range(FIT.most_chord_steps):
         best = cost, at, linear

@@ -112,8 +112,8 @@ class EliminatedStates:
 
 def _subtract_squares(products: Array, of: Array) -> Array:
     """Return ``products`` (W, C, C) less ``of``'``of`` of each window (W, r, C)."""
-    told = np.matmul(of.swapaxes(1, 2), of)
-    return np.asarray(np.subtract(products, told, out=told))
+    squares = np.matmul(of.swapaxes(1, 2), of)
+    return np.asarray(np.subtract(products, squares, out=squares))
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,10 +275,10 @@ def compute_misfit(N: Array, b: Array, c: Array, theta: Array) -> Array:
         theta: θ (P, B).
 
     """
-    told = np.einsum("wpb,pb->wb", b, theta)
+    projection = np.einsum("wpb,pb->wb", b, theta)
     own = np.einsum("wpb,pb->wb", (N.reshape(-1, len(theta)) @ theta).reshape(b.shape), theta)
-    rounded = ROUNDING_FLOOR * (np.abs(c) + 2 * np.abs(told) + np.abs(own))
-    return np.asarray(np.maximum(c - 2 * told + own, rounded))
+    rounded = ROUNDING_FLOOR * (np.abs(c) + 2 * np.abs(projection) + np.abs(own))
+    return np.asarray(np.maximum(c - 2 * projection + own, rounded))
 
 
 def compute_window_scales(left: Array, freedom: Array) -> Array:

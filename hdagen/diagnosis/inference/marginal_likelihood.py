@@ -113,15 +113,15 @@ def compute_posteriors(
             lambda s: solve_with_scales(linear, spike, s, bounds), sizes[:: LIKELIHOOD.coarse_stride].tolist()
         )
     here = int(np.argmin(np.abs(sizes - near)))
-    made = {here: solve_with_scales(linear, spike, sizes[here], bounds)}
+    posteriors = {here: solve_with_scales(linear, spike, sizes[here], bounds)}
     for step in (sign * stride for stride in LIKELIHOOD.refining_strides for sign in (-1, 1)):
         while 0 <= here + step < len(sizes):
-            if here + step not in made:
-                made[here + step] = solve_with_scales(linear, spike, sizes[here + step], bounds)
-            if made[here + step].evidence <= made[here].evidence:
+            if here + step not in posteriors:
+                posteriors[here + step] = solve_with_scales(linear, spike, sizes[here + step], bounds)
+            if posteriors[here + step].evidence <= posteriors[here].evidence:
                 break
             here += step
-    return [made[k] for k in sorted(made)]
+    return [posteriors[k] for k in sorted(posteriors)]
 
 
 def solve_with_scales(

@@ -180,9 +180,9 @@ class MultipleShooting:
             kind = self._integration_step(lane), lane.impulse is not None, self._has_unknown_memory(lane)
             alike.setdefault(kind, []).append(k)
         groups = [group for same in alike.values() for group in self._split_into_groups(same)]
-        seen = map_in_threads(lambda group: self._run_group([lanes[k] for k in group]), groups)
+        readings = map_in_threads(lambda group: self._run_group([lanes[k] for k in group]), groups)
         found = {
-            k: read for group, reads in zip(groups, seen, strict=True) for k, read in zip(group, reads, strict=True)
+            k: read for group, reads in zip(groups, readings, strict=True) for k, read in zip(group, reads, strict=True)
         }
         return [found[k] for k in range(len(lanes))]
 
@@ -309,24 +309,24 @@ class MultipleShooting:
         """Compute the readings (S, M) of a lane from its states ``x`` (R, nx)."""
         arm = self._arm_with(lane.p)
         if {quantity for quantity, _ in self.record.outputs} <= DRIVE_AND_POSITION_QUANTITIES:
-            seen = delayed_sensors.read_positions(arm, self.path, x)
+            readings = delayed_sensors.read_positions(arm, self.path, x)
         else:
             inputs = np.empty((len(x), arm.nu))
             self._fill_inputs(arm, lane, self.rows, inputs)
-            seen = delayed_sensors.read_sensors(arm, self.path.time, x, inputs, self.begins)
-        acted, told = self._effective_inputs(arm)[1], np.empty((len(self.sampled_states), len(self.record.outputs)))
+            readings = delayed_sensors.read_sensors(arm, self.path.time, x, inputs, self.begins)
+        acted, samples = self._effective_inputs(arm)[1], np.empty((len(self.sampled_states), len(self.record.outputs)))
         for k, (quantity, j) in enumerate(self.record.outputs):
             if quantity in DRIVE_QUANTITIES:
-                told[:, k] = acted[:, j - 1].take(self.sampled_rows)
+                samples[:, k] = acted[:, j - 1].take(self.sampled_rows)
             else:
-                told[:, k] = seen[quantity][:, j - 1].take(self.sampled_states)
+                samples[:, k] = readings[quantity][:, j - 1].take(self.sampled_states)
         if not np.isfinite(lane.p).all():
-            told[:] = np.nan
+            samples[:] = np.nan
         with self.counter_lock:
             self.rollout_count += 1
-        if not np.isfinite(told).all() or self._has_diverged(x).any():
+        if not np.isfinite(samples).all() or self._has_diverged(x).any():
             self.count_failure()
-        return told
+        return samples
 
     def count_failure(self) -> None:
         """Count a failed simulation, from any thread."""

@@ -43,8 +43,8 @@ class WindowSchedule:
     @classmethod
     def all_windows(cls, record: WindowedRecord) -> WindowSchedule:
         """Return the schedule of all windows of a record."""
-        seen = np.searchsorted(record.rows, record.rows_of(record.selected_windows))
-        return cls(slice(None), len(record.time), record.window_edges, len(record.rows), slice(None), seen)
+        selected_states = np.searchsorted(record.rows, record.rows_of(record.selected_windows))
+        return cls(slice(None), len(record.time), record.window_edges, len(record.rows), slice(None), selected_states)
 
     @classmethod
     def selected_windows(cls, record: WindowedRecord) -> WindowSchedule:

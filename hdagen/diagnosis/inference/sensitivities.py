@@ -96,12 +96,12 @@ class Sensitivities:
         r = residuals.reshape(len(points), -1) + theta @ self.columns[head:]
         z = np.stack([r[:, part] @ self.columns[:, part].T for part in self.window_slices], 1)
         begins = self.window_edges[:-1]
-        told = np.add.reduceat(((record.noise / record.sample_noise) ** 2).reshape(-1), begins)
+        sample_counts = np.add.reduceat(((record.noise / record.sample_noise) ** 2).reshape(-1), begins)
         return ResidualBatch(
             self.cross_products,
             z,
             np.add.reduceat(r**2, begins, axis=1),
-            told,
+            sample_counts,
             theta,
             LIKELIHOOD.likelihood_temperature,
         )
@@ -283,8 +283,8 @@ def compute_finite_differences(
 
     """
     columns = np.zeros((len(lanes), left.size))
-    seen = shooting.predict_near(point.rollout, [lane for lane, _ in lanes])
-    for column, read, (_, step) in zip(columns, seen, lanes, strict=True):
+    predictions = shooting.predict_near(point.rollout, [lane for lane, _ in lanes])
+    for column, read, (_, step) in zip(columns, predictions, lanes, strict=True):
         if np.isfinite(read).all():
             column[:] = ((left - weigh_residual(shooting, read)) / step).reshape(-1)
     return columns
@@ -307,9 +307,9 @@ def select_columns(at: Sensitivities, words: CandidateSet, nearer: Sensitivities
     words = replace(words, columns=tuple(c for c in words.columns if (c.parameter, c.candidate) in kept))
     old = [*range(head), *(kept[c.parameter, c.candidate] for c in words.columns)]
     if nearer is None:
-        made = Sensitivities(at.shooting, words, at.point, at.columns[old], at.residual, at.k)
-        made.cross_products = CrossProducts(at.cross_products.take_columns(old), at.shooting.m, at.k)
-        return made
+        selected = Sensitivities(at.shooting, words, at.point, at.columns[old], at.residual, at.k)
+        selected.cross_products = CrossProducts(at.cross_products.take_columns(old), at.shooting.m, at.k)
+        return selected
     own = {(c.parameter, c.candidate): head + i for i, c in enumerate(nearer.candidates.columns)}
     columns = at.columns[old]
     columns[:head] = nearer.columns[:head]

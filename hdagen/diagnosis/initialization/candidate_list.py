@@ -29,20 +29,20 @@ def build_candidates(arm: Arm, suggested: InitialGuess, uncommanded: Collection[
     place = {name: k for k, name in enumerate(described)}
     atoms: list[Candidate] = []
     columns: list[Column] = []
-    for effect in arm.manifest["effects"]:
+    for effect in (*arm.manifest["effects"], *arm.manifest["numbers"]):
         for j in effect["joints"]:
             suffix = f"_{j}" if j else ""
-            stated = (a + suffix for a in effect["amplitudes"])
-            names = tuple(name for name in stated if name in described and described[name].typical)
+            possible = (a + suffix for a in effect["amplitudes"])
+            names = tuple(name for name in possible if name in described and described[name].typical)
             if not names or (effect["place"] == "input" and j in uncommanded):
                 continue
             shapes = [s + suffix for s in effect["shapes"]]
             for number, chosen in enumerate(
                 _combine_shape_starts([suggested.shapes.get(s, described[s].starts) for s in shapes])
             ):
-                atoms.append(
-                    Candidate(arm.effects[effect["name"]], j, names, dict(zip(shapes, chosen, strict=True)), not number)
-                )
+                own = dict(zip(shapes, chosen, strict=True))
+                stated = all(map(_is_stated, (described[name] for name in names)))
+                atoms.append(Candidate(arm.effects[effect["name"]], j, names, own, not number, stated))
                 columns += [
                     _make_column(described[name], place[name], len(atoms) - 1, not number, suggested) for name in names
                 ]
@@ -51,6 +51,11 @@ def build_candidates(arm: Arm, suggested: InitialGuess, uncommanded: Collection[
         if q.role == "base" and name not in owned and q.tolerance > 0 and q.nominal:
             columns.append(Column(name, place[name], q.nominal, q.tolerance * abs(q.nominal), 1.0, -1, True))
     return CandidateSet(tuple(atoms), tuple(columns))
+
+
+def _is_stated(q: Parameter) -> bool:
+    """Tell whether the robot file states a size, so that the true one may differ from it by a factor."""
+    return q.stated != 0.0 and (q.role == "base" or q.nominal > q.low)
 
 
 def _combine_shape_starts(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
@@ -69,12 +74,17 @@ def _make_column(q: Parameter, index: int, atom: int, first: bool, suggested: In
     nominal = q.nominal
     if not base and q.low > 0:  # an effect that cannot be 0 is absent at its lower bound
         nominal = q.low
-    everywhere = (q.everywhere or q.typical) / q.typical
+    everywhere = 1.0
+    if q.everywhere is not None:
+        everywhere = q.everywhere / q.typical
     spike, step, seen = CANDIDATES.silent_spike_width, CANDIDATES.column_step, 0.0
     if first:
         spike = math.hypot(q.tolerance * abs(nominal) / unit, CANDIDATES.spike_scales[0] * everywhere)
+        spike = max(spike, CANDIDATES.silent_spike_width)
+    if not everywhere:  # as small as a number moves in every hypothesis
+        step = CANDIDATES.column_step * max(spike, CANDIDATES.column_step)
     if name in suggested.column_steps:
         step = suggested.column_steps[name] / unit
     if first and name in suggested.values:
         seen = (suggested.values[name] - nominal) / unit
-    return Column(name, index, nominal, unit, spike, atom, base and first, step, seen, everywhere)
+    return Column(name, index, nominal, unit, spike, atom, base and first, step, seen, everywhere, nominal + q.offset)

@@ -103,8 +103,8 @@ class EncoderDifference:
             The residual in these instants.
 
         """
-        told = np.concatenate([self.terms[rows], self.load_terms[rows]], 1) @ values
-        return np.asarray(self.twist[rows] - told)
+        explained = np.concatenate([self.terms[rows], self.load_terms[rows]], 1) @ values
+        return np.asarray(self.twist[rows] - explained)
 
 
 def read_encoder_differences(arm: Arm, record: WindowedRecord) -> list[EncoderDifference]:
@@ -171,12 +171,12 @@ def estimate_from_encoders(arm: Arm, record: WindowedRecord) -> list[EncoderEsti
     for one in read_encoder_differences(arm, record):
         j, law = one.joint, _torsion_law(arm, one.joint)
         values = one.regress_terms(np.ones(len(one.parameters), bool), one.loaded_rows)
-        seen = {q.name: float(value) for q, value in zip(one.parameters, values, strict=False)}
-        borne = one.twist - one.terms @ values[: len(seen)]
+        estimates = {q.name: float(value) for q, value in zip(one.parameters, values, strict=False)}
+        borne = one.twist - one.terms @ values[: len(estimates)]
         untold = np.interp(borne, law[1], law[0]) - one.torque  # torque that pushes the link back
         sizes, shapes = _find_walls(arm, j, one.angle[one.visible_rows], untold[one.visible_rows])
-        split = _split_encoder_bias(_list_encoder_parameters(arm, j), seen)
-        found.append(EncoderEstimate(seen | split | sizes, shapes))
+        split = _split_encoder_bias(_list_encoder_parameters(arm, j), estimates)
+        found.append(EncoderEstimate(estimates | split | sizes, shapes))
     return found
 
 
@@ -282,10 +282,10 @@ def _regress_robustly(matrix: Array, sought: Array, bounds: Bounds) -> Array:
     scale = np.maximum(np.abs(matrix).max(0), 1e-300)
     matrix, weight, (low, high) = matrix / scale, np.ones(len(sought)), bounds
     for _ in range(ENCODER_REGRESSION.regression_reweightings):
-        weighed, told = matrix * weight[:, None], sought * weight
-        free = np.asarray(np.linalg.lstsq(weighed, told, rcond=1e-9)[0], float)
+        weighed, weighed_target = matrix * weight[:, None], sought * weight
+        free = np.asarray(np.linalg.lstsq(weighed, weighed_target, rcond=1e-9)[0], float)
         H = weighed.T @ weighed + ENCODER_REGRESSION.column_ridge * len(sought) * np.eye(len(scale))
-        found = solve_box_qp(H, weighed.T @ told, free, (low * scale, high * scale))
+        found = solve_box_qp(H, weighed.T @ weighed_target, free, (low * scale, high * scale))
         left = sought - matrix @ found
         weight = 1.0 / np.sqrt(1.0 + (left / max(2.0 * float(np.median(np.abs(left))), 1e-300)) ** 2)
     return np.asarray(found / scale)

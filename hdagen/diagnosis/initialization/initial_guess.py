@@ -54,17 +54,17 @@ def guess_from_log(arm: Arm, record: WindowedRecord) -> InitialGuess:
 
     """
     twisted = estimate_from_encoders(arm, record)
-    seen = {name: value for twist in twisted for name, value in twist.sizes.items()}
-    scanned = [q for q in arm.parameters.described.values() if q.encoder_term in SCANNED_TERMS and q.name in seen]
+    estimates = {name: value for twist in twisted for name, value in twist.sizes.items()}
+    scanned = [q for q in arm.parameters.described.values() if q.encoder_term in SCANNED_TERMS and q.name in estimates]
     sized = {
-        q.name: seen[q.name]
+        q.name: estimates[q.name]
         for q in scanned
-        if abs(seen[q.name]) > INITIALIZATION.least_scanned_guess * (q.typical or np.inf)
+        if abs(estimates[q.name]) > INITIALIZATION.least_scanned_guess * (q.typical or np.inf)
     }
     shapes = _wall_positions(arm, record)
     for name, value in (pair for twist in twisted for pair in twist.shapes.items()):
         shapes[name] = (value, *shapes[name])
-    return InitialGuess(shapes, _input_effect_sizes(arm, record) | sized, seen, _friction_units(arm, record))
+    return InitialGuess(shapes, _input_effect_sizes(arm, record) | sized, estimates, _friction_units(arm, record))
 
 
 def _friction_units(arm: Arm, record: WindowedRecord) -> dict[str, float]:

@@ -91,8 +91,8 @@ class TorqueRegression:
 
     def distant_effects(self) -> dict[int, Array]:
         """Return the sizes θ (C) of each effect by itself, by candidate, where they are distant."""
-        alone = {k: self.fit_set((k,)).theta for k in self._visible_candidates()}
-        return {k: theta for k, theta in alone.items() if np.abs(theta).max() > INITIALIZATION.distant_size}
+        single_fits = {k: self.fit_set((k,)).theta for k in self._visible_candidates()}
+        return {k: theta for k, theta in single_fits.items() if np.abs(theta).max() > INITIALIZATION.distant_size}
 
     def best_sets(self) -> list[RegressedSet]:
         """Return the best set of each number of effects from two to MOST, the smallest first. They grow as long as one
@@ -228,8 +228,8 @@ def _balance_torques(arm: Arm, part: LogPortion, points: Sequence[Array]) -> lis
     motor slides."""
     motion = MeasuredMotion(arm, part.log, ())
     balance = TorqueBalance(motion)
-    seen = motion.valid & part.covers(motion.time)
-    sliding = [np.flatnonzero(seen & motion.is_sliding(j))[:: motion.grid.window_rows] for j in range(1, arm.n + 1)]
+    covered = motion.valid & part.covers(motion.time)
+    sliding = [np.flatnonzero(covered & motion.is_sliding(j))[:: motion.grid.window_rows] for j in range(1, arm.n + 1)]
 
     def balances(p: Array) -> list[Array]:
         missing = balance.residual(p)

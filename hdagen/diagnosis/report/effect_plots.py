@@ -14,14 +14,22 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.effect_catalogue import Plot
+from hdagen.diagnosis.report.effect_picture import EffectPicture
+from hdagen.diagnosis.report.input_plots import draw_input
 from hdagen.diagnosis.report.report_settings import REPORT
+from hdagen.diagnosis.report.residual_curves import (
+    ROBOT_FILE_WORDS,
+    average_in_bins,
+    draw_points_and_fit,
+    name_residual,
+    write_title,
+)
 from hdagen.diagnosis.residuals.effect_agreement import measure_agreement
 from hdagen.diagnosis.residuals.localization import list_regressors, time_since_reversal
 from hdagen.diagnosis.residuals.regressor_tests import explain_variance
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
-from hdagen.diagnosis.residuals.residual_trace import ResidualTrace, trace_residual
+from hdagen.diagnosis.residuals.residual_trace import trace_residual
 from hdagen.diagnosis.residuals.spectra import Spectra
-from hdagen.log.column_map import name_command_channel
 from hdagen.pages.curves import Curve, Panel, Plane, Series, draw_panels, draw_planes
 
 
@@ -81,10 +89,9 @@ ABSCISSAE = {  # by the name that an effect's plot gives
     "time": Abscissa("time (s)", _read_time),
 }
 BASE_FRICTION_KEYS = ("coulomb_friction", "viscous_friction")  # the friction of a motor that a robot file states
-ROBOT_FILE_WORDS = "the robot file's"
 
 
-def draw_effect(sight: ResidualTorque, entry: str, place: str) -> list[str]:
+def draw_effect(sight: ResidualTorque, entry: str, place: str) -> list[EffectPicture]:
     """Draw the figures of an effect, or of the residual where it is unknown.
 
     Args:
@@ -93,7 +100,7 @@ def draw_effect(sight: ResidualTorque, entry: str, place: str) -> list[str]:
         place: of the effect; it decides which residual is drawn.
 
     Returns:
-        Figures in HTML.
+        The pictures.
 
     """
     effect, _, number = entry.partition("@")
@@ -101,17 +108,17 @@ def draw_effect(sight: ResidualTorque, entry: str, place: str) -> list[str]:
     if int(number):
         joints = [int(number)]
     if effect in ("unknown", "none"):
-        return [_plot_unknown(sight, place, joint) for joint in joints]
+        return [picture for joint in joints for picture in _plot_unknown(sight, place, joint)]
     plot = sight.motion.arm.effects[effect].plot
     if plot.kind == "residual":
         return [_plot_residual(sight, entry, place, ABSCISSAE[plot.abscissa], joints)]
     return [figure for joint in joints for figure in _plot_joint(sight, entry, plot, joint)]
 
 
-def _plot_joint(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> list[str]:
+def _plot_joint(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> list[EffectPicture]:
     """The figures of an effect at one joint, by the kind that its plot gives."""
     if plot.kind == "input":
-        return _plot_input(sight, entry, plot, joint)
+        return draw_input(sight, entry, plot, joint)
     if plot.kind == "friction":
         return [_plot_friction(sight, entry, plot, joint)]
     if plot.kind == "friction_beyond_base":
@@ -121,7 +128,9 @@ def _plot_joint(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> li
     return [_plot_response(sight, entry, joint)]
 
 
-def _plot_residual(sight: ResidualTorque, entry: str, place: str, over: Abscissa, joints: Sequence[int]) -> str:
+def _plot_residual(
+    sight: ResidualTorque, entry: str, place: str, over: Abscissa, joints: Sequence[int]
+) -> EffectPicture:
     """Missing torque or angle over one abscissa, a plane for each joint."""
     shown, label, points, added = [], "", list[Array](), list[Array]()
     for joint in joints:
@@ -130,72 +139,19 @@ def _plot_residual(sight: ResidualTorque, entry: str, place: str, over: Abscissa
         if seen.quantity.endswith(f"motor {joint}"):
             clear = sight.motion.is_sliding(joint)[seen.instants]
         x, adds, left = over.values(sight, joint)[seen.instants][clear], seen.effect_part[clear], seen.after[clear]
-        label = f"{_name_residual(seen)} ({seen.unit})"
-        shown.append(Plane(_draw_points_and_fit(x, left + adds, adds), f"joint {joint}"))
+        label = f"{name_residual(seen)} ({seen.unit})"
+        shown.append(Plane(draw_points_and_fit(x, left + adds, adds), f"joint {joint}"))
         points, added = [*points, left + adds], [*added, adds]
     x_label = over.label.replace("{input}", sight.motion.input_unit(1))
-    caption = f"{RESIDUAL_CAPTION} {measure_agreement(np.concatenate(points), np.concatenate(added)).describe()}"
-    return draw_planes(
-        _write_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=caption
+    alike = measure_agreement(np.concatenate(points), np.concatenate(added))
+    caption = f"Log: what is there beyond everything else of the verdict. {alike.describe()}"
+    return EffectPicture(
+        draw_planes(write_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=caption),
+        alike,
     )
 
 
-RESIDUAL_CAPTION = (
-    "Points: what the log has beyond the base parameters and everything else of the verdict. Dashed: mean of the "
-    "points in narrow bins. Solid: what the effect adds in the model with the fitted parameters. Both passed the "
-    "filter with which the motion is differentiated: what is fast shows smaller than it is."
-)
-
-
-def _name_residual(seen: ResidualTrace) -> str:
-    return {"A": "current beyond command", "N m": "missing torque", "rad": "missing angle"}[seen.unit]
-
-
-def _draw_points_and_fit(x: Array, y: Array, fit: Array, split: bool = False) -> list[Curve]:
-    """Points, their means, and the fit's means, which are drawn as lines; ``split``: apart for each sign of x."""
-    few = np.unique(np.linspace(0, len(x) - 1, min(len(x), REPORT.most_drawn_points)).round().astype(int))
-    return [
-        Curve("log", x[few], y[few], draw="points", color="grey", width=1.6),
-        Curve("mean of the log", *average_in_bins(x, y, split), color="blue", dash="dashed"),
-        Curve("model with the effect", *average_in_bins(x, fit, split), color="vermilion", dash="solid", width=2.4),
-    ]
-
-
-def average_in_bins(x: Array, y: Array, split: bool = False) -> tuple[Array, Array]:
-    """Average points in bins of equal width.
-
-    Args:
-        x: abscissae (K,).
-        y: ordinates (K,).
-        split: bins grow from x = 0 to both sides, with a gap there.
-
-    Returns:
-        Mean x and mean y of each bin, y being NaN where a bin has few points.
-
-    """
-    if not len(x):
-        return x, y
-    low, high = float(x.min()), float(x.max())
-    if high <= low:
-        return np.array([low]), np.array([float(y.mean())])
-    edges = np.linspace(low, high, REPORT.curve_bins + 1)
-    if split and low < 0 < high:
-        grown = np.linspace(0, 1, REPORT.curve_bins // 2 + 1) ** REPORT.bin_growth
-        edges = np.unique(np.r_[low * grown, high * grown])
-    number = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
-    count = np.bincount(number, minlength=len(edges) - 1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        middle = np.bincount(number, x, len(edges) - 1) / count
-        mean = np.bincount(number, y, len(edges) - 1) / count
-    mean[count < REPORT.fewest_points] = np.nan
-    middle = np.where(count < REPORT.fewest_points, (edges[1:] + edges[:-1]) / 2, middle)
-    if split and low < 0 < high:
-        at = int(np.searchsorted(edges, 0.0))
-        middle, mean = np.insert(middle, at, 0.0), np.insert(mean, at, np.nan)
-    return middle, mean
-
-
-def _plot_friction(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> str:
+def _plot_friction(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> EffectPicture:
     """All friction of a motor over speed, or over the travel since a reversal."""
     over, j, ok = ABSCISSAE[plot.abscissa], joint - 1, sight.motion.valid & sight.motion.is_sliding(joint)
     bare, by_speed = sight.parameters_without(entry), plot.abscissa == "motor_speed"
@@ -211,38 +167,36 @@ def _plot_friction(sight: ResidualTorque, entry: str, plot: Plot, joint: int) ->
     if plot.abscissa == "motor_travel":
         near = x <= REPORT.largest_drawn_travel
         x, side, fit, left, robot = x[near], side[near], fit[near], left[near], robot[near]
-    curves = _draw_points_and_fit(x, (fit + left) * side, fit * side, by_speed)
+    curves = draw_points_and_fit(x, (fit + left) * side, fit * side, by_speed)
     curves.insert(2, Curve("robot file", *average_in_bins(x, robot * side, by_speed), color="green", dash="dotted"))
-    return draw_planes(
-        _write_title(entry),
+    alike = measure_agreement(fit + left - robot, fit - robot)
+    drawn = draw_planes(
+        write_title(entry),
         [Plane(curves, f"motor {joint}")],
         x_label=over.label,
         y_label=y_label,
         equal=False,
-        caption=(
-            "Points: torque that the log needs beyond inertia and load; standstill and the instants of reversal are"
-            " left out. Curves: mean of the points in narrow bins, friction as the robot file has it, and with the"
-            " effect at its fitted parameters."
-            f" {measure_agreement(fit + left - robot, fit - robot).describe(ROBOT_FILE_WORDS)}"
-        ),
+        caption=f"Log: torque beyond inertia and load. {alike.describe(ROBOT_FILE_WORDS)}",
     )
+    return EffectPicture(drawn, alike)
 
 
-def _plot_friction_dependence(sight: ResidualTorque, entry: str, over: Abscissa, joint: int) -> str:
+def _plot_friction_dependence(sight: ResidualTorque, entry: str, over: Abscissa, joint: int) -> EffectPicture:
     """Friction beyond Coulomb's and the viscous one, over the quantity that the effect depends on."""
     j, ok = joint - 1, sight.motion.valid & sight.motion.is_sliding(joint)
     side = sight.motion.direction[ok, j]
     fit = -sight.balance.effect_torque(sight.after, sight.parameters_without(entry)).motor[ok, j] * side
     left = -sight.balance.residual(sight.after).motor[ok, j] * side
-    return draw_planes(
-        _write_title(entry),
-        [Plane(_draw_points_and_fit(over.values(sight, joint)[ok], fit + left, fit), f"motor {joint}")],
+    alike = measure_agreement(fit + left, fit)
+    drawn = draw_planes(
+        write_title(entry),
+        [Plane(draw_points_and_fit(over.values(sight, joint)[ok], fit + left, fit), f"motor {joint}")],
         x_label=over.label,
         y_label="friction beyond the base's (N m)",
         equal=False,
-        caption="Against the motion; standstill and the instants of reversal are left out. "
-        f"{RESIDUAL_CAPTION} {measure_agreement(fit + left, fit).describe()}",
+        caption=f"Log: friction against the motion, beyond Coulomb's and the viscous one. {alike.describe()}",
     )
+    return EffectPicture(drawn, alike)
 
 
 def _restore_file_friction(sight: ResidualTorque, bare: Array, joint: int) -> Array:
@@ -254,7 +208,7 @@ def _restore_file_friction(sight: ResidualTorque, bare: Array, joint: int) -> Ar
     return p
 
 
-def _plot_torsion_loop(sight: ResidualTorque, entry: str, joint: int) -> str:
+def _plot_torsion_loop(sight: ResidualTorque, entry: str, joint: int) -> EffectPicture:
     """Torque over torsion where that goes furthest: the torque that the links require, and the models' torques."""
     j, ok = joint - 1, np.flatnonzero(sight.motion.valid)
     torsion = sight.motion.smooth(
@@ -279,19 +233,21 @@ def _plot_torsion_loop(sight: ResidualTorque, entry: str, joint: int) -> str:
         assert link is not None  # both sides are measured here
         lacks.append(link[ok, j])
         curves.append(Curve(label, torsion, sight.balance.link_torque(p)[ok, j] - link[ok, j], color=color, dash=dash))
-    return draw_planes(
-        _write_title(entry),
+    alike = measure_agreement(lacks[0], lacks[0] - lacks[1])
+    drawn = draw_planes(
+        write_title(entry),
         [Plane(curves, f"joint {joint}")],
         x_label="torsion (rad)",
         y_label="transmitted torque (N m)",
         equal=False,
         caption="Log: torque that the links' motion asks for, over motor angle divided by ratio less joint angle"
         f"{stretch}. The model's torque is that of its springs and effects at the measured states. "
-        f"{measure_agreement(lacks[0], lacks[0] - lacks[1]).describe(ROBOT_FILE_WORDS)}",
+        f"{alike.describe(ROBOT_FILE_WORDS)}",
     )
+    return EffectPicture(drawn, alike)
 
 
-def _plot_response(sight: ResidualTorque, entry: str, joint: int) -> str:
+def _plot_response(sight: ResidualTorque, entry: str, joint: int) -> EffectPicture:
     """The spectrum of the replay error, where a joint has one encoder and its torsion is not measured."""
     log, period = sight.motion.log, sight.motion.grid.period
     name = next(n for side in ("motor", "joint") if (n := f"{side}_position_{joint}") in log)
@@ -302,90 +258,42 @@ def _plot_response(sight: ResidualTorque, entry: str, joint: int) -> str:
         Series("robot file", found[0].density[shown], color="green", dash="dashed"),
         Series("model with the effect", found[1].density[shown], color="vermilion", dash="solid"),
     ]
-    return draw_panels(
-        f"{_write_title(entry)}: what the replays miss",
+    markup = draw_panels(
+        f"{write_title(entry)}: what the replays miss",
         found[0].frequency[shown],
         [Panel(f"{name.replace('_', ' ')} (rad/√Hz)", drawn, log=True)],
         x_label="frequency (Hz)",
         caption="Density of measured less replayed position. With one encoder no torsion is measured: what shows of it "
         "is how the joint answers the motor.",
     )
+    return EffectPicture(markup)
 
 
-def _plot_input(sight: ResidualTorque, entry: str, plot: Plot, joint: int) -> list[str]:
-    """Current or torque over time, where the effect changes most, and over its command."""
-    if not sight.motion.has_measured_input(joint):
-        return [_plot_residual(sight, entry, "motor", Abscissa("motor input", _read_input), [joint])]
-    shown = [sight.balance.simulate_inputs(p)[1][:, joint - 1] for p in (sight.before, sight.after)]
-    name, log = sight.motion.arm.input_names[joint - 1], sight.motion.log
-    word, unit = sight.motion.input_word(joint), sight.motion.input_unit(joint)
-    command, measured = log[name_command_channel(name)], log[name]
-    rows = max(round(REPORT.scene_seconds / log.period), 20)
-    change = np.convolve(np.abs(shown[1] - shown[0])[REPORT.settling_rows :], np.ones(rows), "valid")
-    span = slice(REPORT.settling_rows + int(np.argmax(change)), REPORT.settling_rows + int(np.argmax(change)) + rows)
-    drawn = [
-        Series("command", command[span], color="ink", draw="step", dash="dotted"),
-        Series("measured", measured[span], color="grey", dash="solid"),
-        Series("robot file", shown[0][span], color="green", dash="dashed"),
-        Series("model with the effect", shown[1][span], color="vermilion", dash="solid", width=2.4),
-    ]
-    scene = draw_panels(
-        f"{_write_title(entry)}: command and {word}",
-        log.time[span],
-        [Panel(f"{word} ({unit})", drawn, f"motor {joint}", height=1.8)],
-        caption=f"The {REPORT.scene_seconds:g} s in which the effect changes most.",
-    )
-    x, before, after = command, np.zeros(len(command)), shown[1]
-    x_label, y_label, hint = f"command ({unit})", f"{word} ({unit})", ""
-    if plot.abscissa == "command_rate":
-        x, before = np.gradient(command, log.time), shown[0]
-        x_label, y_label = f"rate of the command ({unit}/s)", f"measured less undelayed {word} ({unit})"
-        hint = "The slope is the delay, s, with its sign reversed. "
-    curves = _draw_points_and_fit(
-        x[REPORT.settling_rows :], (measured - before)[REPORT.settling_rows :], (after - before)[REPORT.settling_rows :]
-    )
-    alike = measure_agreement(
-        (measured - shown[0])[REPORT.settling_rows :], (shown[1] - shown[0])[REPORT.settling_rows :]
-    )
-    over = draw_planes(
-        f"{_write_title(entry)}: {word} over command",
-        [Plane(curves, f"motor {joint}")],
-        x_label=x_label,
-        y_label=y_label,
-        equal=False,
-        caption=f"{hint}{alike.describe(ROBOT_FILE_WORDS)}",
-    )
-    return [scene, over]
-
-
-def _plot_unknown(sight: ResidualTorque, place: str, joint: int) -> str:
-    """The residual that no effect explains, over the three regressors that explain most of it."""
+def _plot_unknown(sight: ResidualTorque, place: str, joint: int) -> list[EffectPicture]:
+    """The residual that no effect explains, over what it surely goes with; nothing where there is no such thing."""
     seen = trace_residual(sight, place, joint, "")
-    best = explain_variance(seen.after, list_regressors(sight, joint, seen.instants))[: REPORT.most_drawn_regressors]
+    notable = [
+        one
+        for one in explain_variance(seen.after, list_regressors(sight, joint, seen.instants))
+        if one.p <= REPORT.most_drawn_chance and one.share >= REPORT.least_notable_share
+    ]
     few = np.unique(
         np.linspace(0, len(seen.after) - 1, min(len(seen.after), REPORT.most_drawn_points)).round().astype(int)
     )
-    figures = ""
-    for one in best:
+    pictures = []
+    for one in notable[: REPORT.most_drawn_regressors]:
         x, name, unit = one.regressor.values, one.regressor.name, one.regressor.unit
         curves = [
-            Curve("log", x[few], seen.after[few], draw="points", color="grey", width=1.6),
+            Curve("log", x[few], seen.after[few], draw="points", color="grey", width=1.2),
             Curve("mean", *average_in_bins(x, seen.after), color="blue", dash="solid"),
         ]
-        figures += draw_planes(
+        drawn = draw_planes(
             f"What is missing at joint {joint}, over {name}",
             [Plane(curves)],
             x_label=f"{name.removeprefix('the ')} ({unit})",
-            y_label=f"{_name_residual(seen)} ({seen.unit})",
+            y_label=f"{name_residual(seen)} ({seen.unit})",
             equal=False,
-            caption=f"Its bins explain {100 * one.share:.0f} % of the variance (p = {one.p:.2g} by circular shifts).",
+            caption=f"The mean curve explains {100 * one.share:.0f} % of the variance (R² = {one.share:.2f}).",
         )
-    return figures
-
-
-def _write_title(entry: str) -> str:
-    effect, _, joint = entry.partition("@")
-    title = effect.replace("_", " ").capitalize()
-    if joint == "0":
-        return title
-    return f"{title} of joint {joint}"
+        pictures.append(EffectPicture(drawn))
+    return pictures

@@ -11,7 +11,7 @@ from hdagen.support.setting_declaration import declare_setting
 class ReportSettings:
     """How much a report draws and says."""
 
-    most_drawn_points: int = declare_setting(2500, "points", "points of the log that are drawn in one plane")
+    most_drawn_points: int = declare_setting(1200, "points", "points of the log that are drawn in one plane")
     curve_bins: int = declare_setting(60, "bins", "bins of the abscissa, for a curve of means")
     fewest_points: int = declare_setting(5, "points", "points that a bin must have to be drawn")
     bin_growth: float = declare_setting(
@@ -19,6 +19,7 @@ class ReportSettings:
     )
     settling_rows: int = declare_setting(20, "rows", "rows of a log in which commands from before it may still act")
     scene_seconds: float = declare_setting(0.25, "s", "a stretch of commands and currents")
+    delay_scene_seconds: float = declare_setting(0.06, "s", "the same, where milliseconds are to be seen")
     most_drawn_regressors: int = declare_setting(3, "regressors", "regressors that are drawn where no effect is named")
     loop_seconds: float = declare_setting(10.0, "s", "torque over torsion: more loops hide each other")
     largest_drawn_frequency: float = declare_setting(0.1, "of the sampling rate", "up to it a response is drawn")
@@ -29,7 +30,6 @@ class ReportSettings:
     angle_bins: int = declare_setting(72, "bins", "bins of a motor turn")
     reversal_margin: float = declare_setting(0.15, "s", "before and after a reversal")
     time_bins: int = declare_setting(60, "bins", "bins of time over the log")
-    coherence_chance: float = declare_setting(0.05, "probability", "noise alone exceeds the line of coherence with it")
     most_separated: int = declare_setting(
         4, "candidates", "candidates that a motion is designed for, where none is named"
     )
@@ -37,14 +37,20 @@ class ReportSettings:
     notable_gap_share: float = declare_setting(
         0.75, "of the gap that is left", "an effect within tolerance must bring it below this to be spoken of"
     )
-    gap_said_in_units: float = declare_setting(
-        1000.0, "multiples of the noise", "from here the error is said in its unit, too"
+    notable_move: float = declare_setting(
+        1.0, "standard deviations before the log", "a number of the file that moved further is on the first screen"
     )
-    most_drawn_candidates: int = declare_setting(8, "hypotheses", "hypotheses in the figure of probabilities")
+    most_first_base_numbers: int = declare_setting(3, "numbers", "refitted numbers of the file on the first screen")
+    least_notable_share: float = declare_setting(
+        0.05, "of the variance", "a picture of what no effect explains shows nothing that goes less with its abscissa"
+    )
+    most_drawn_chance: float = declare_setting(
+        0.5, "probability", "nor one that chance makes as good with a larger probability"
+    )
+    most_listed_hypotheses: int = declare_setting(8, "hypotheses", "hypotheses that are listed")
     least_listed_probability: float = declare_setting(1e-3, "probability", "a hypothesis below it is not listed")
     least_printed_probability: float = declare_setting(1e-4, "probability", "below it its value is not printed")
     shown_hypotheses: int = declare_setting(5, "hypotheses", "hypotheses in the summary of a notebook")
-    correlation_seconds: float = declare_setting(0.25, "s", "lags of the correlations of the residuals")
 
 
 REPORT = ReportSettings()

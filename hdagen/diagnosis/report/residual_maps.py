@@ -32,7 +32,7 @@ def draw_residual_maps(sight: ResidualTorque, joint: int, place: str, entry: str
     """
     seen = trace_residual(sight, place, joint, entry)
     found = _map_speed_load(sight, joint, seen)
-    found += [_plot_over_angle(sight, joint, seen), *_plot_over_orders(sight, joint, seen)]
+    found += [*_plot_over_angle(sight, joint, seen), *_plot_over_orders(sight, joint, seen)]
     found += [
         _plot_over_frequency(sight, joint, seen),
         *_plot_about_reversals(sight, joint, seen),
@@ -60,29 +60,33 @@ def _map_speed_load(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> l
         return []
     x, y = (np.linspace(v.min(), v.max(), n + 1) for v, n in ((speed, REPORT.speed_cells), (load, REPORT.load_cells)))
     count, *_ = np.histogram2d(load, speed, (y, x))
-    drawn = []
-    captions = {"before": "", "after": "Mind the scale: each map has its own."}
+    maps = {}
     for when, values in (("before", seen.before), ("after", seen.after)):
         squares, *_ = np.histogram2d(load, speed, (y, x), weights=values**2)
         with np.errstate(invalid="ignore", divide="ignore"):
-            cells = np.where(count >= REPORT.fewest_samples, np.sqrt(squares / count), np.nan)
-        figure = draw_heat_map(
-            f"{_name_quantity(seen).capitalize()} of joint {joint} over speed and load, {when} the verdict",
+            maps[when] = np.where(count >= REPORT.fewest_samples, np.sqrt(squares / count), np.nan)
+    largest = max(float(np.nanmax(cells, initial=0.0)) for cells in maps.values())
+    return [
+        draw_heat_map(
+            f"{_name_quantity(seen).capitalize()} of joint {joint}, {when}",
             x,
             y,
             cells,
             x_label="motor speed (rad/s)",
-            y_label="load on the transmission (N m)",
-            value_label=f"{_name_quantity(seen)}, rms ({seen.unit})",
-            caption=captions[when],
+            y_label="load (N m)",
+            value_label=f"rms ({seen.unit})",
+            span=(0.0, largest),
         )
-        drawn.append(figure)
-    return drawn
+        for when, cells in maps.items()
+    ]
 
 
-def _plot_over_angle(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> str:
-    """Means over the angle within a turn of the motor, with twice their standard error."""
-    angle = np.mod(sight.motion.read_state("motor_position", joint)[seen.instants], 2 * np.pi)
+def _plot_over_angle(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> list[str]:
+    """Means over the angle within a turn of the motor, with twice their standard error; none below one turn."""
+    turned = sight.motion.read_state("motor_position", joint)[seen.instants]
+    if not len(turned) or np.ptp(turned) < 2 * np.pi:
+        return []
+    angle = np.mod(turned, 2 * np.pi)
     edges = np.linspace(0, 2 * np.pi, REPORT.angle_bins + 1)
     number = np.clip(np.searchsorted(edges, angle, side="right") - 1, 0, REPORT.angle_bins - 1)
     count = np.bincount(number, minlength=REPORT.angle_bins)
@@ -95,13 +99,14 @@ def _plot_over_angle(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> 
             )
         mean[count < REPORT.fewest_samples] = np.nan
         series.append(_make_series(label, mean, (mean - error, mean + error)))
-    return draw_panels(
+    drawn = draw_panels(
         f"{_name_quantity(seen).capitalize()} of joint {joint} over the motor's angle",
         (edges[1:] + edges[:-1]) / 2,
-        [Panel(f"mean {_name_quantity(seen)} ({seen.unit})", series, height=1.3)],
+        [Panel(f"mean ({seen.unit})", series, height=1.3)],
         x_label="motor angle within a turn (rad)",
         caption="Band: twice the standard error, as if samples were independent.",
     )
+    return [drawn]
 
 
 def _plot_over_orders(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> list[str]:
@@ -130,26 +135,15 @@ def _plot_over_orders(sight: ResidualTorque, joint: int, seen: ResidualTrace) ->
 
 
 def _plot_over_frequency(sight: ResidualTorque, joint: int, seen: ResidualTrace) -> str:
-    """Densities before and after, and the coherence with the motor's input where the motion is long enough for one."""
-    drawn, (inputs, *full) = compare_with_input(sight, joint, seen.instants, seen.before, seen.after)
+    """Densities before and after."""
+    drawn, (_, *full) = compare_with_input(sight, joint, seen.instants, seen.before, seen.after)
     both = list(zip(("before", "after"), full, strict=True))
     density = [_make_series(label, s.density[drawn]) for label, s in both]
-    shown, caption = [Panel(f"density ({seen.unit}/√Hz)", density, log=True)], ""
-    if inputs.degrees_of_freedom >= 1.0:  # with fewer segments any two series have a high coherence
-        level = 1 - REPORT.coherence_chance ** (1 / inputs.degrees_of_freedom)
-        coherence = [_make_series(label, s.coherence(inputs)[drawn]) for label, s in both]
-        line = [(level, f"noise alone, {100 * (1 - REPORT.coherence_chance):.0f} %")]
-        shown.append(Panel("coherence with the motor's input", coherence, levels=line))
-        caption = (
-            " What goes with the input, in a straight line, has a coherence near 1: a gain, an inertia, a lag. "
-            "Friction and periodic effects have little."
-        )
     return draw_panels(
         f"{_name_quantity(seen).capitalize()} of joint {joint} over frequency",
         full[0].frequency[drawn],
-        shown,
+        [Panel(f"density ({seen.unit}/√Hz)", density, log=True, height=1.3)],
         x_label="frequency (Hz)",
-        caption=f"{len(inputs.segments)} segments of {EXPLANATION.segment_length:g} s.{caption}",
     )
 
 
@@ -177,7 +171,7 @@ def _plot_about_reversals(sight: ResidualTorque, joint: int, seen: ResidualTrace
         draw_panels(
             f"{_name_quantity(seen).capitalize()} of joint {joint} about reversals",
             np.arange(-reach, reach + 1) * period,
-            [Panel(f"{_name_quantity(seen)}, rms ({seen.unit})", series, height=1.3)],
+            [Panel(f"rms ({seen.unit})", series, height=1.3)],
             x_label="time after the motor turns (s)",
             caption=f"Over {len(rows)} reversals.",
         )
@@ -198,5 +192,6 @@ def _plot_over_time(sight: ResidualTorque, place: str, entry: str) -> str:
             with np.errstate(invalid="ignore", divide="ignore"):
                 mean = np.sqrt(np.bincount(number, values**2, REPORT.time_bins) / count)
             series.append(_make_series(label, np.where(count >= REPORT.fewest_samples, mean, np.nan)))
-        shown.append(Panel(f"{_name_quantity(seen)}, rms ({seen.unit})", series, f"joint {joint}"))
-    return draw_panels("Where in the log", (edges[1:] + edges[:-1]) / 2 - sight.motion.time[0], shown, share_y=True)
+        shown.append(Panel(f"rms ({seen.unit})", series, f"joint {joint}"))
+    title = f"{_name_quantity(seen).capitalize()} over the log"
+    return draw_panels(title, (edges[1:] + edges[:-1]) / 2 - sight.motion.time[0], shown, share_y=True)

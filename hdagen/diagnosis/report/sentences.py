@@ -1,16 +1,29 @@
-"""Sentences of a diagnosis: the verdict with its gap, and the alternatives that the log does not exclude."""
+"""Sentences of a diagnosis: the verdict with its sizes, how sure it is, the error before and after, and remarks."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hdagen.arm.effect_catalogue import EffectCatalogue
-from hdagen.diagnosis.decision.decision_settings import DECISION
-from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
+from hdagen.diagnosis.report.effect_words import join_effects, name_channel, name_effect, name_joint, say_effect
+from hdagen.diagnosis.report.gap_words import (
+    find_effect_credit,
+    find_shown_channel,
+    format_channel_error,
+    format_closed_share,
+    format_multiple,
+    list_named_effects,
+)
+from hdagen.diagnosis.report.number_sentences import (
+    say_combinations,
+    say_overconfidence,
+    say_strained_numbers,
+)
 from hdagen.diagnosis.report.report_settings import REPORT
 from hdagen.pages.quantity import format_number
+
+MOST_SIZED_EFFECTS = 2  # named with their numbers; of more the factors alone
 
 
 def write_verdict(content: dict[str, Any]) -> str:
@@ -23,56 +36,132 @@ def write_verdict(content: dict[str, Any]) -> str:
         One paragraph.
 
     """
-    gap = content["gap"]
-    text = f"{_say_verdict(content)}. {_say_gap(content)}{_compare_with_best(gap)}."
-    if content["contradicted"]:
-        text += f" {say_contradiction(content['contradicted'])}"
-    for remark in (_say_remainder, _say_moments, _say_bounds, _say_nuisance_effect, _say_repairs, _say_unmoved_joints):
-        text += remark(content)
-    return text
-
-
-def _say_verdict(content: dict[str, Any]) -> str:
-    """The verdict, and that it is not sure where it is not."""
-    verdict = content["verdict"]
-    named = [entry for entry in verdict if not entry.startswith("unknown@")]
-    if not verdict:
-        said = _say_no_effect(content)
-    elif not named:
-        said = f"{_say_joints(verdict)} something that no known effect explains{_say_doubt(content['doubts'])}"
-    else:
-        each, verb = _join_effects(named), _agree_in_number(named, "is", "are")
-        said = f"{each[0].upper()}{each[1:]} {verb} missing in the model{_say_probability(content, named)}"
+    said = ": ".join(part for part in (write_headline(content), say_doubt(content)) if part)
+    said = f"{say_overconfidence(content)}{said}{_say_probability(content)}"
     if not content["sure"] and not content["contradicted"]:
         said += "; this is not sure"
-    return said
+    text = f"{said}. {_say_gap(content)}{_compare_with_best(content['gap'])}."
+    return " ".join([text, *_say_credit(content), *list_remarks(content)])
 
 
-def _say_probability(content: dict[str, Any], named: Sequence[str]) -> str:
-    """The probability of a verdict with ``named`` effects, in brackets; "" where no hypothesis has these."""
-    sets = sorted(named), sorted(content["verdict"])
-    p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) in sets), None)
-    if p is None:
+def write_headline(content: dict[str, Any]) -> str:
+    """Write the verdict alone: each effect with its joint, its sign and its size.
+
+    Args:
+        content: of diagnosis.json.
+
+    Returns:
+        A sentence without its full stop.
+
+    """
+    verdict = content["verdict"]
+    named = list_named_effects(content)
+    if not verdict:
+        return _say_no_effect(content)
+    if not named:
+        return f"{_say_joints(content, verdict)} something that no known effect explains"
+    each = [say_effect(entry, content, with_sizes=len(named) <= MOST_SIZED_EFFECTS) for entry in named]
+    said = ", and ".join(part for part in (", ".join(each[:-1]), each[-1]) if part)
+    return f"{said[0].upper()}{said[1:]}"
+
+
+def list_remarks(content: dict[str, Any]) -> list[str]:
+    """List what a reader must know beside the verdict.
+
+    Args:
+        content: of diagnosis.json.
+
+    Returns:
+        Sentences.
+
+    """
+    said = []
+    if content["contradicted"]:
+        said.append(say_contradiction(content["contradicted"]))
+    said += [say_combinations(content), say_strained_numbers(content)]
+    for remark in (_say_repairs, _say_remainder, _say_moments, _say_bounds, _say_nuisance_effect, _say_unmoved_joints):
+        said += [remark(content)]
+    return [one for one in said if one]
+
+
+def find_set_probability(content: Mapping[str, Any]) -> float | None:
+    """Find the probability of exactly the set of effects that the verdict names.
+
+    Args:
+        content: of diagnosis.json.
+
+    Returns:
+        The probability; None where no hypothesis has these.
+
+    """
+    sets = sorted(list_named_effects(content)), sorted(content["verdict"])
+    return next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) in sets), None)
+
+
+def list_effect_probabilities(content: Mapping[str, Any]) -> list[float]:
+    """List the probability that each named effect is there, summed over all sets that have it.
+
+    Args:
+        content: of diagnosis.json.
+
+    Returns:
+        A probability for each effect that the verdict names, in its order.
+
+    """
+    known = {f"{cause['effect']}@{cause['joint']}": cause["probability"] for cause in content["causes"]}
+    return [known[entry] for entry in list_named_effects(content) if entry in known]
+
+
+def format_probability(p: float) -> str:
+    """Format a probability with two digits; none is said to be 0 or 1.
+
+    Args:
+        p: The probability.
+
+    Returns:
+        The text.
+
+    """
+    if p > 0.995:
+        return "> 0.99"
+    if p < 0.005:
+        return "< 0.01"
+    return f"{p:.2f}"
+
+
+def _say_probability(content: dict[str, Any]) -> str:
+    """The probability of each named effect and of the set; "" where nothing is named."""
+    each, p = list(map(format_probability, list_effect_probabilities(content))), find_set_probability(content)
+    if not list_named_effects(content) or p is None:
         return ""
-    return f" (probability {p:.2f}{note_calibration(content)})"
+    of_set = format_probability(p)
+    if not each or each == [of_set]:
+        return f"; probability {of_set}{note_calibration(content)}"
+    return f"; probability {' and '.join(each)}, of exactly this set {of_set}{note_calibration(content)}"
 
 
 def _say_gap(content: dict[str, Any]) -> str:
     """The gap before and after, and the share of it that is closed."""
-    gap = content["gap"]
+    gap, name = content["gap"], find_shown_channel(content)
     said = "On held-out motion the gap goes"
     if content["parameters"] and not content["verdict"]:
         said = "Base parameters within their tolerance take the gap on held-out motion"
-    said += f" from {_format_multiple(gap['before'])} to {_format_multiple(gap['after'])} times the noise"
-    if gap["before"] >= REPORT.gap_said_in_units:
-        said += _say_worst_channel(gap)
+    said += f" from {format_multiple(gap['before'])} to {format_multiple(gap['after'])} times the noise"
+    if name:
+        error = format_channel_error(content, name, " to ")
+        said += f" ({name_channel(name, content.get('joints', ()))}: {error} rms)"
     if gap["shrink"] is None:
         return said
-    spread = ""
-    if gap["interval"]:
-        low, high = gap["interval"]
-        spread = f" [{100 * low:.0f}, {100 * high:.0f}]"
-    return f"{said}: {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
+    return f"{said}: {format_closed_share(gap)} of what lies above the noise is closed"
+
+
+def _say_credit(content: dict[str, Any]) -> list[str]:
+    """What the named effects close and what refitted numbers of the file close, apart; nothing where it is one."""
+    own, named = find_effect_credit(content), list_named_effects(content)
+    if own is None or not content["parameters"]:
+        return []
+    verb = _agree_in_number(named, "effect closes", "effects close")
+    return [f"Of that the {verb} {100 * own:.0f} %, refitted numbers of the file {100 * (1 - own):.0f} %."]
 
 
 def _agree_in_number(entries: Sequence[Any], one: str, several: str) -> str:
@@ -94,7 +183,7 @@ def say_contradiction(contradicted: Mapping[str, Any]) -> str:
     """
     named = ""
     if contradicted["verdict"]:
-        named = f"{_join_effects(contradicted['verdict'])} and "
+        named = f"{join_effects(contradicted['verdict'])} and "
     return (
         f"What the log alone says ({named}base parameters within their tolerance) closes "
         f"{100 * contradicted['closed']:.0f} % of its own gap and leaves {100 * contradicted['left']:.0f} % of the "
@@ -106,14 +195,15 @@ def say_contradiction(contradicted: Mapping[str, Any]) -> str:
 
 def _say_moments(content: dict[str, Any]) -> str:
     """Where nearly all that is left acts once, and a log that would show it."""
+    joints = content.get("joints", ())
     each = "; ".join(
-        f"joint {one['joint']}, {one['span'][0]:.4g} to {one['span'][1]:.4g} s of {one['log']}"
+        f"{name_joint(one['joint'], joints)}, {one['span'][0]:.4g} to {one['span'][1]:.4g} s of {one['log']}"
         for one in content["moments"]
     )
     if not each:
         return ""
     return (
-        f" Nearly all that is left lies within one second ({each}): what acts once cannot be told. Record a log in "
+        f"Nearly all that is left lies within one second ({each}): what acts once cannot be told. Record a log in "
         "which the joint goes there several times."
     )
 
@@ -125,13 +215,17 @@ def _say_unmoved_joints(content: dict[str, Any]) -> str:
         return ""
     which = _agree_in_number(still, f"Joint {still[0]} does", f"Joints {', '.join(map(str, still))} do")
     return (
-        f" {which} not move in the log: of what acts in motion nothing can be told there (hdagen excite robot.toml "
+        f"{which} not move in the log: of what acts in motion nothing can be told there (hdagen excite robot.toml "
         f"--joint {still[0]} designs a motion that shows it)."
     )
 
 
-def _say_joints(entries: Sequence[str]) -> str:
+def _say_joints(content: Mapping[str, Any], entries: Sequence[str]) -> str:
     """The joints of entries name@joint that miss something."""
+    joints = content.get("joints", ())
+    names = [name_joint(int(entry.partition("@")[2]), joints) for entry in entries]
+    if any(joints):
+        return f"{' and '.join(names)} {_agree_in_number(names, 'misses', 'miss')}"
     numbers = [entry.partition("@")[2] for entry in entries]
     return _agree_in_number(numbers, f"Joint {numbers[0]} misses", f"Joints {', '.join(numbers)} miss")
 
@@ -144,19 +238,17 @@ def _say_remainder(content: dict[str, Any]) -> str:
     much = [one for one in content["remains"] if one["joint"] in beside]
     if not much:
         return ""
-    shares = " and ".join(f"{100 * one['share']:.0f} % of the error at joint {one['joint']}" for one in much)
-    return f" What no known effect explains remains beside it: {shares}."
+    shares = " and ".join(
+        f"{100 * one['share']:.0f} % of the error at {name_joint(one['joint'], content.get('joints', ()))}"
+        for one in much
+    )
+    return f"What no known effect explains remains beside it: {shares}."
 
 
 def _say_repairs(content: dict[str, Any]) -> str:
     """Channels that were left out or scaled, as they contradict another."""
     repaired = content.get("data", {}).get("repaired", ())
-    return "".join(f" {one['what']}" for one in repaired if one["name"] == "contradicted")
-
-
-def _format_multiple(multiples: float) -> str:
-    """A multiple of the noise with three digits."""
-    return format_number(float(f"{multiples:.3g}"), 3)
+    return " ".join(str(one["what"]) for one in repaired if one["name"] == "contradicted")
 
 
 def _say_nuisance_effect(content: dict[str, Any]) -> str:
@@ -166,8 +258,8 @@ def _say_nuisance_effect(content: dict[str, Any]) -> str:
     ]
     if not closer:
         return ""
-    what = name_effect(f"{closer[0]['effect']}@{closer[0]['joint']}")
-    return f" Within what is tolerated, {what} would bring it to {_format_multiple(closer[0]['gap'])}."
+    what = name_effect(f"{closer[0]['effect']}@{closer[0]['joint']}", content.get("joints", ()))
+    return f"Within what is tolerated, {what} would bring it to {format_multiple(closer[0]['gap'])}."
 
 
 def _say_bounds(content: dict[str, Any]) -> str:
@@ -179,12 +271,13 @@ def _say_bounds(content: dict[str, Any]) -> str:
             continue
         for name, q in cause["parameters"].items():
             if q["end"]:
-                at.append(
-                    f"{name.replace('_', ' ')} of {name_effect(entry)}, {format_number(q['value'], 3)}{_format_unit(q)}"
-                )
+                of = name_effect(entry, content.get("joints", ()))
+                if name != cause["effect"]:
+                    of = f"{name.replace('_', ' ')} of {of}"
+                at.append(f"{of}, {format_number(q['value'], 3)}{_format_unit(q)}")
     if not at:
         return ""
-    return f" At the end of what it may be: {'; '.join(at)}. There may be more of it, or another effect."
+    return f"At the end of what it may be: {'; '.join(at)}. There may be more of it, or another effect."
 
 
 def _format_unit(q: dict[str, Any]) -> str:
@@ -204,26 +297,31 @@ def _say_no_effect(content: dict[str, Any]) -> str:
     if not first["effects"]:
         p = f"{first['probability']:.2f}{note_calibration(content)}"
         return f"No effect above the size that counts was found (probability {p})"
-    each, p = _join_effects(first["effects"]), first["probability"]
+    each, p = join_effects(first["effects"], content.get("joints", ())), first["probability"]
     if content["gap"]["before"] < HOLDOUT_CHECK.least_explainable_gap:
         return f"There is no gap to explain, although the log may have {each} ({p:.2f})"
     none = sum(h["probability"] for h in content["hypotheses"] if not h["effects"])
     return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
 
 
-def _join_effects(entries: Sequence[str]) -> str:
-    """Several effects in a row."""
-    return " and ".join(name_effect(entry) for entry in entries)
+def say_doubt(content: Mapping[str, Any]) -> str:
+    """Say which verdict held-out motion did not confirm.
 
+    Args:
+        content: of diagnosis.json.
 
-def _say_doubt(doubted: dict[str, Any] | None) -> str:
-    """The verdict that held-out motion did not confirm."""
-    if doubted is None:
+    Returns:
+        A clause; "" where effects are named, or nothing is in doubt.
+
+    """
+    doubted = content["doubts"]
+    if doubted is None or list_named_effects(content) or not content["verdict"]:
         return ""
     left = f"{100 * doubted['left']:.0f} % of what this joint errs by on held-out motion"
     if not doubted["verdict"]:
-        return f": the model that tells most of the log names none and leaves {left}"
-    return f": of what is known {_join_effects(doubted['verdict'])} tells most of the log, but leaves {left}"
+        return f"the model that explains most of the log names none and leaves {left}"
+    named = join_effects(doubted["verdict"], content.get("joints", ()))
+    return f"of the known effects, {named} explains most of the log, but leaves {left}"
 
 
 def _compare_with_best(gap: dict[str, Any]) -> str:
@@ -235,31 +333,7 @@ def _compare_with_best(gap: dict[str, Any]) -> str:
         return "; nothing else that was fitted, a flexible correction without structure included, closes more"
     best = "the best of all that was fitted, a flexible correction without structure included"
     share = 100 * (before - after) / (before - least)
-    return f"; {best}, brings it to {_format_multiple(least)}; the verdict closes {share:.0f} % of what that does"
-
-
-def _say_worst_channel(gap: dict[str, Any]) -> str:
-    """The channel that errs most, in SI units, for a reader to whom multiples of a very small noise say little."""
-    name, c = max(gap["by_channel"].items(), key=lambda item: item[1]["before"])
-    before, after = (c[when] * c["noise"] for when in ("before", "after"))
-    return f" ({name.replace('_', ' ')}: {before:.3g} to {after:.3g} in SI units, rms)"
-
-
-def name_effect(entry: str) -> str:
-    """Name an effect as people say it, without the prefix "missing".
-
-    Args:
-        entry: effect@joint, joint 0 being the whole arm.
-
-    Returns:
-        The name with its place.
-
-    """
-    effect, _, joint = entry.partition("@")
-    name = effect.removeprefix("missing_").replace("_", " ")
-    if joint == "0":
-        return f"{name} of the whole arm"
-    return f"{name} on joint {joint}"
+    return f"; {best}, brings it to {format_multiple(least)}; the verdict closes {share:.0f} % of what that does"
 
 
 def note_calibration(content: dict[str, Any]) -> str:
@@ -275,59 +349,3 @@ def note_calibration(content: dict[str, Any]) -> str:
     if content.get("method", {}).get("calibrated"):
         return ""
     return ", not calibrated"
-
-
-def explain_confounding(effects: EffectCatalogue, content: dict[str, Any]) -> str:
-    """Explain the alternatives that the log does not exclude, and the motions that would separate them.
-
-    Args:
-        effects: how each effect shows itself.
-        content: of diagnosis.json.
-
-    Returns:
-        Paragraphs on each named effect, or on the effects that may be present where none is named.
-
-    """
-    causes = {f"{c['effect']}@{c['joint']}": c for c in content["causes"]}
-    shown = causes.keys() - set(content["undetectable"])  # the report says those for themselves
-    likely = [
-        name for name, c in causes.items() if c["probability"] >= DECISION.least_mentioned_probability and name in shown
-    ]
-    named = [name for name in content["verdict"] if name in causes]
-    if not named:
-        if content["verdict"] and not likely:
-            return "No known effect explains the log nearly as well as something unknown."
-        if not likely:
-            return "Of what this motion shows, nothing explains the log nearly as well as no effect."
-        each = ", ".join(f"{name_effect(name)} ({causes[name]['probability']:.2f})" for name in likely)
-        may_be = "one that is small, or that shows little in this motion, may be there"
-        if content["contradicted"]:
-            may_be = "the log alone says"
-        text = f"No effect is named; {may_be}: {each}."
-        if len(likely) == 1:
-            return text
-        return (
-            f"{text}\n\nWhat would tell {name_effect(likely[0])} from the others:"
-            f" {suggest_experiments(effects, likely[0], likely[1:])}\n\n    hdagen excite robot.toml --separate"
-            f" {','.join(likely[: REPORT.most_separated])}\n\ndesigns a motion that does."
-        )
-    said = [
-        _say_alternatives(effects, name, causes[name]["confounded_with"])
-        for name in named
-        if causes[name]["confounded_with"]
-    ]
-    if not said:
-        return "Nothing else explains this log nearly as well: no pair is confounded."
-    return "What this log cannot tell apart, and the motion that would:\n\n" + "\n\n".join(said)
-
-
-def _say_alternatives(effects: EffectCatalogue, name: str, others: Sequence[str]) -> str:
-    """The alternatives of an effect of the verdict, the nearest first, and the motions that would separate them.
-
-    Of many alternatives only the nearest are named: such a motion says little of the effect.
-    """
-    few, more = others[: REPORT.most_named_alternatives], len(others) - REPORT.most_named_alternatives
-    said = f"{name_effect(name)[0].upper()}{name_effect(name)[1:]} may also be {', '.join(name_effect(o) for o in few)}"
-    if more > 0:
-        said += f", or one of {more} others (diagnosis.json has them): this motion tells little of it"
-    return f"{said}. {suggest_experiments(effects, name, few)}"

@@ -1,20 +1,29 @@
-"""The report's section of measured and modelled signals, and of their differences, joint by joint."""
+"""The report's section of measured and modelled signals: every channel over one time axis."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from hdagen.diagnosis.data.split import LogPortion
-from hdagen.log.measured_log import Log
-from hdagen.pages.curves import Panel, Series, draw_panels
+from hdagen.diagnosis.report.effect_words import CHANNEL_UNITS, find_channel_unit, name_channel
+from hdagen.diagnosis.report.residual_maps import REPLAY_COLORS
 from hdagen.pages.page import Section
-from hdagen.prediction.window_replay import Replay
+from hdagen.pages.time_chart import TimeChannel, draw_time_charts
+from hdagen.prediction.window_replay import REPLAY_WINDOW, Replay
 
-CHANNEL_UNITS = {"motor_position": "rad", "joint_position": "rad", "motor_current": "A", "motor_torque": "N m"}
+LINES = {
+    "measured": ("grey", False),
+    "before": (REPLAY_COLORS["before"], True),
+    "after": (REPLAY_COLORS["after"], False),
+}
 
 
-def show_signals(held: LogPortion, before: Replay, after: Replay) -> Section:
-    """Show measured and modelled signals, and measured less model; the figures zoom together.
+def show_signals(content: Mapping[str, Any], held: LogPortion, before: Replay, after: Replay) -> Section:
+    """Show measured less modelled, or both, of every channel that the model can err in.
 
     Args:
+        content: of diagnosis.json.
         held: the log, and its held-out rows (T,).
         before: the replay of the robot file's model.
         after: the replay with the verdict.
@@ -23,48 +32,31 @@ def show_signals(held: LogPortion, before: Replay, after: Replay) -> Section:
         The section of the report.
 
     """
-    log = held.log
-    blocks, shaded = list[tuple[float, float, str]](), ""
+    log, joints = held.log, content.get("joints", ())
+    blocks, shaded = list[tuple[float, float]](), ""
     if not held.rows.all():
-        blocks = [(a, b, "") for a, b in held.spans]
-        shaded = "Shaded: held out, all that the gap counts; the fit saw the rest."
-    figures = []
-    for j in range(1, log.n_joints + 1):
-        names = [f"{quantity}_{j}" for quantity in CHANNEL_UNITS if f"{quantity}_{j}" in before.errors]
-        for title, what, drawn in (
-            ("measured and model", "", _plot_signals),
-            ("measured less model", " error", _plot_errors),
-        ):
-            shown = [Panel(_label_axis(name, what), drawn(log, name, before, after)) for name in names]
-            figures.append(
-                draw_panels(f"Joint {j}: {title}", log.time, shown, bands=blocks, link="motion", caption=shaded)
-            )
+        blocks, shaded = list(held.spans), " Shaded: held out, all that the gap counts."
+    names = [
+        name
+        for joint in range(1, log.n_joints + 1)
+        for name in (f"{quantity}_{joint}" for quantity in CHANNEL_UNITS)
+        if name in before.errors and name not in before.driving_channels
+    ]
+    channels = [
+        TimeChannel(
+            name_channel(name, joints),
+            find_channel_unit(name, content["gap"]["by_channel"].get(name, {})),
+            log[name],
+            {"before": before.columns[name], "after": after.columns[name]},
+        )
+        for name in names
+    ]
+    caption = (
+        f"Windows begin again every {REPLAY_WINDOW:g} s at the state that earlier measurements give; within a window "
+        f"nothing measured counts. Drag to zoom, double click to go back.{shaded}"
+    )
     return Section(
         "Measured against model",
-        "Windows begin anew every 0.25 s at the state that earlier measurements give; within a window nothing measured "
-        "counts. Drag to zoom, double click to go back.",
-        figures,
+        "",
+        [draw_time_charts("All channels over time", log.time, channels, LINES, bands=blocks, caption=caption)],
     )
-
-
-def _label_axis(name: str, what: str) -> str:
-    """Label of an axis: the channel's quantity with its unit."""
-    quantity = name.rpartition("_")[0]
-    return f"{quantity.replace('_', ' ')}{what} ({CHANNEL_UNITS[quantity]})"
-
-
-def _plot_signals(log: Log, name: str, before: Replay, after: Replay) -> list[Series]:
-    """The measured channel, and that of both models."""
-    return [
-        Series("measured", log[name], color="grey", dash="solid", width=3.6),
-        Series("model before", before.columns[name], color="orange", dash="dashed"),
-        Series("model after", after.columns[name], color="blue", dash="dotted"),
-    ]
-
-
-def _plot_errors(log: Log, name: str, before: Replay, after: Replay) -> list[Series]:
-    """The measured channel less that of each model."""
-    return [
-        Series("before", log[name] - before.columns[name], color="orange", dash="solid"),
-        Series("after", log[name] - after.columns[name], color="blue", dash="solid"),
-    ]

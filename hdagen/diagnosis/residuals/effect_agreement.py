@@ -42,7 +42,7 @@ class Agreement:
             A sentence, and a warning where the log contradicts the effect.
 
         """
-        shown = f"Of what the points show{beyond and f' beyond {beyond}'}"
+        shown = f"Of what the log shows{beyond and f' beyond {beyond}'}"
         said = f"{shown} the effect explains {100 * self.explained_share:.0f} % (R² = {self.explained_share:.2f})."
         if not self.is_contradicted:
             return said

@@ -51,7 +51,6 @@ class ExplanationSettings:
     passband_share: float = declare_setting(
         0.4, "of the first zero of the torque balance's filter", "the highest frequency of use"
     )
-    ljung_box_lags: int = declare_setting(25, "rows", "rows of the test of whiteness")
     slope_blocks: int = declare_setting(
         8, "blocks", "blocks of a motion, whose slopes give the standard error of the slope of all"
     )

@@ -98,8 +98,10 @@ def find_place(sight: ResidualTorque, entry: str) -> str:
         entry: the effect, name@joint.
 
     """
-    effect = entry.partition("@")[0]
-    return next((str(e["place"]) for e in sight.motion.arm.manifest["effects"] if e["name"] == effect), "motor")
+    traits = sight.motion.arm.effects.get(entry.partition("@")[0])
+    if traits is None:  # unknown
+        return "motor"
+    return traits.place
 
 
 def _list_parts(sight: ResidualTorque, verdict: list[str]) -> list[RemovedPart]:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
-from hdagen.data_quality.rank_check import LEAST_ROWS_PER_TERM
+from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 
 WAVES_OF_ORDER = 2  # regressors of an order: a sine and a cosine
@@ -118,7 +118,7 @@ def explain_by_orders(quantity: Array, angle: Array, orders: Sequence[int]) -> l
     if not total > 0:
         return []
     for k in orders:
-        if k * np.ptp(theta) < 2 * math.tau or len(theta) < LEAST_ROWS_PER_TERM * (WAVES_OF_ORDER + 1):
+        if k * np.ptp(theta) < 2 * math.tau or len(theta) < CHANNEL_CHECK.least_rows_per_term * (WAVES_OF_ORDER + 1):
             continue
         waves = np.stack([np.cos(k * theta), np.sin(k * theta)], 1)
         own = np.linalg.qr(waves - waves.mean(0))[0].T
@@ -180,7 +180,7 @@ def _subtract_mean(values: Array) -> Array:
 
 def _assign_bins(values: Array) -> tuple[np.ndarray, int]:
     """Assign each value to a bin by quantiles, and count the bins: fewer where values are few or repeat."""
-    most = min(EXPLANATION.quantile_bins, max(len(values) // LEAST_ROWS_PER_TERM, 1))
+    most = min(EXPLANATION.quantile_bins, max(len(values) // CHANNEL_CHECK.least_rows_per_term, 1))
     edges = np.unique(np.quantile(values, np.linspace(0, 1, most + 1)[1:-1]))
     labels = np.searchsorted(edges, values, side="left")
     kinds, labels = np.unique(labels, return_inverse=True)

@@ -56,22 +56,22 @@ def trace_residual(sight: ResidualTorque, place: str, joint: int, entry: str) ->
         sight.balance.effect_torque(sight.after, less),
     )
     if before.link is None or added.link is None or place in ("input", "motor"):
-        words = f"torque missing at motor {joint}"
-        return ResidualTrace(words, "N m", before.motor[ok, j], after.motor[ok, j], added.motor[ok, j], ok)
+        quantity = f"torque missing at motor {joint}"
+        return ResidualTrace(quantity, "N m", before.motor[ok, j], after.motor[ok, j], added.motor[ok, j], ok)
     assert after.link is not None  # as before's, which is of the same log
     if place == "sensor":
         slope = sight.balance.spring_stiffness(sight.after)[ok, j]
         read = sight.balance.encoder_error(sight.after, less)[ok, j]
-        words = f"angle that the encoder of joint {joint} reads too much"
+        quantity = f"angle that the encoder of joint {joint} reads too much"
         left = after.link[ok, j] / slope
-        return ResidualTrace(words, "rad", before.link[ok, j] / slope, left, read, ok)
+        return ResidualTrace(quantity, "rad", before.link[ok, j] / slope, left, read, ok)
     if kind == "gear_angle":
         slope = sight.balance.spring_stiffness(sight.after)[ok, j]
-        words = f"angle missing in the transmission of joint {joint}"
+        quantity = f"angle missing in the transmission of joint {joint}"
         first, last, more = (side[ok, j] / slope for side in (before.link, after.link, added.link))
-        return ResidualTrace(words, "rad", first, last, more, ok)
-    words = f"torque missing at link {joint}"
-    return ResidualTrace(words, "N m", before.link[ok, j], after.link[ok, j], added.link[ok, j], ok)
+        return ResidualTrace(quantity, "rad", first, last, more, ok)
+    quantity = f"torque missing at link {joint}"
+    return ResidualTrace(quantity, "N m", before.link[ok, j], after.link[ok, j], added.link[ok, j], ok)
 
 
 def _trace_input(sight: ResidualTorque, joint: int, less: Array) -> ResidualTrace:
@@ -86,5 +86,5 @@ def _trace_input(sight: ResidualTorque, joint: int, less: Array) -> ResidualTrac
         sight.balance.simulate_inputs(sight.after)[1][:, joint - 1]
         - sight.balance.simulate_inputs(less)[1][:, joint - 1]
     )
-    words = f"{sight.motion.input_word(joint)} of motor {joint} beyond the model's"
-    return ResidualTrace(words, sight.motion.input_unit(joint), before, after, adds, ok)
+    quantity = f"{sight.motion.input_word(joint)} of motor {joint} beyond the model's"
+    return ResidualTrace(quantity, sight.motion.input_unit(joint), before, after, adds, ok)

@@ -43,7 +43,7 @@ def find_look_alikes(lead: Fit, fitted: Sequence[Fit], words: CandidateSet) -> l
     found = []
     for one in lead.effects:
         rest = tuple(i for i in lead.effects if i != one)
-        alone = (
+        least_promise = (
             lead.predicted_evidence(rest) + SEARCH.least_evidence_gain * lead.misfit_temperature
         )  # an effect that does not show promises as much as the rest
         for k in (k for k in here if words.is_compatible(lead.sensitivities.shooting.arm, k, rest)):
@@ -54,7 +54,7 @@ def find_look_alikes(lead: Fit, fitted: Sequence[Fit], words: CandidateSet) -> l
             if promise > max(
                 known.get(names, -np.inf),
                 lead.evidence_here - SEARCH.look_alike_margin * lead.misfit_temperature,
-                alone,
+                least_promise,
             ):
                 found.append((promise, (*rest, k)))
     return [atoms for _, atoms in sorted(found, reverse=True)[: SEARCH.most_look_alikes]]
@@ -94,8 +94,8 @@ def settle_close_calls(fits: list[Fit], words: CandidateSet, on_stage: StageList
             return continue_fit(restore_columns(fit, words), words, SEARCH.close_call_steps, FIT.least_evidence_step)
         return continue_fit(fit, words, SEARCH.close_call_steps, FIT.least_evidence_step)
 
-    stood = map_in_threads(in_the_end, (close.pop(0) for _ in range(len(close))))
-    return drop_columns(sort_by_evidence([*stood, *rest]))
+    settled = map_in_threads(in_the_end, (close.pop(0) for _ in range(len(close))))
+    return drop_columns(sort_by_evidence([*settled, *rest]))
 
 
 def fit_from_leader(lead: Fit, words: CandidateSet, begin: RefitCall) -> Fit:

@@ -114,9 +114,9 @@ def start_promising(
         The fits before their first step, the most promising first.
 
     """
-    alone = next(s for s in scored if s.effects == lead)
+    lead_score = next(s for s in scored if s.effects == lead)
     found: dict[str, tuple[float, int]] = {}
-    linear = {s.effects[-1]: s.evidence - alone.evidence for s in scored if len(s.effects) > len(lead)}
+    linear = {s.effects[-1]: s.evidence - lead_score.evidence for s in scored if len(s.effects) > len(lead)}
     for k, gain in linear.items():
         if not words.is_compatible(at.shooting.arm, k, lead):
             continue
@@ -131,7 +131,7 @@ def start_promising(
         start = None
         if k in starts and starts[k].gain > linear[k]:
             start = starts[k].point
-        return start_fit(at, words, (*lead, k), alone.posterior.s, start)
+        return start_fit(at, words, (*lead, k), lead_score.posterior.s, start)
 
     return map_in_threads(begin, leading)
 
@@ -284,9 +284,9 @@ def start_with_one_more(at: Sensitivities, words: CandidateSet, lead: Fit) -> li
 
 def _find_at_bound(lead: Fit) -> list[int]:
     """List the candidates at the bound of a nuisance effect, the largest first."""
-    words, mean = lead.sensitivities.candidates, lead.posterior[0]
+    candidates, mean = lead.sensitivities.candidates, lead.posterior[0]
     reach: dict[int, float] = {}
-    for c, value in zip(words.columns, mean, strict=True):
-        if c.candidate >= 0 and words.members[c.candidate].name not in words.active:
+    for c, value in zip(candidates.columns, mean, strict=True):
+        if c.candidate >= 0 and candidates.members[c.candidate].name not in candidates.active:
             reach[c.candidate] = max(reach.get(c.candidate, 0.0), abs(float(value)) / c.spike_width)
     return [k for k in sorted(reach, key=lambda k: -reach[k]) if reach[k] >= SEARCH.at_bound_deviations]

@@ -31,11 +31,24 @@ from hdagen.diagnosis.search.fit_ranking import (
     sort_by_evidence,
     sort_by_promise,
 )
-from hdagen.diagnosis.search.hypothesis_race import adopt_spike_scale, run_race, start_promising, start_with_one_more
+from hdagen.diagnosis.search.hypothesis_race import (
+    adopt_spike_scale,
+    continue_fit,
+    run_race,
+    start_promising,
+    start_with_one_more,
+)
 from hdagen.diagnosis.search.multistart import scan_sizes
 from hdagen.diagnosis.search.null_model import make_nominal_point
+from hdagen.diagnosis.search.ordinary_frictions import fit_ordinary_frictions
 from hdagen.diagnosis.search.ripple_order import add_ripple_orders
 from hdagen.diagnosis.search.search_settings import SEARCH
+from hdagen.diagnosis.search.wrong_numbers import (
+    choose_wrong_numbers,
+    free_wrong_numbers,
+    list_numbers,
+    may_grow,
+)
 from hdagen.diagnosis.stages.stage import Stage, StageListener
 from hdagen.support.parallel import map_in_threads
 
@@ -91,7 +104,32 @@ def search_hypotheses(shooting: MultipleShooting, words: CandidateSet, on_stage:
     ]
     if regression:
         field += begin_sets(regression, at, none.posterior.s)
-    return SearchResult(words, tuple(run_races(at, words, field, on_stage)), tuple(screened))
+    if len(numbers := choose_wrong_numbers(field[0])) > 1:
+        field.append(start_fit(at, words, numbers, none.posterior.s))
+    fits = run_races(at, words, field, on_stage)
+    if regression:
+        fits = drop_columns(sort_by_evidence([*fits, *fit_ordinary_frictions(regression, at, words, fits)]))
+    return SearchResult(words, tuple(fits), tuple(screened))
+
+
+def _add_wrong_numbers(fitted: list[Fit], words: CandidateSet) -> list[Fit]:
+    """Add the best fit with the numbers of the robot file that explain most of what it leaves."""
+    more = free_wrong_numbers(first_with_columns(fitted), words)
+    if more is None:
+        return fitted
+    return drop_undeserved(sort_by_promise([more, *fitted]))
+
+
+def _add_numbers_alone(fitted: list[Fit], words: CandidateSet) -> list[Fit]:
+    """Add the best fit's wrong numbers alone, with those that stand in for its effects: these were chosen while the
+    robot file was taken as right."""
+    lead = first_with_columns(fitted)
+    numbers = list_numbers(lead)
+    if not numbers or len(numbers) == len(lead.effects):
+        return fitted
+    alone = continue_fit(refit_without(lead, words, numbers), words, SEARCH.most_further_steps, 1.0)
+    alone = free_wrong_numbers(alone, words) or alone
+    return drop_undeserved(sort_by_promise([alone, *fitted]))
 
 
 def _screen_candidates(at: Sensitivities) -> list[ScoredHypothesis]:
@@ -140,15 +178,17 @@ def run_races(
 
     """
     fitted = drop_undeserved(run_race(field, words, SEARCH.race_sizes, on_stage))
+    fitted = _add_wrong_numbers(fitted, words)
     if is_beyond_known_effects(fitted) or sort_by_evidence(fitted)[0].evidence_here < least:
         return drop_columns(sort_by_evidence(fitted))
     fitted, words = adopt_spike_scale(fitted, words)
+    fitted = _add_numbers_alone(fitted, words)
     lead = first_with_columns(fitted)
     leads = [
         lead,
         *[f for f in fitted if f is not lead and f.has_columns and f.effects and leaves_much(lead, fitted)][:1],
     ]
-    while len(leads[0].effects) < SEARCH.most_effects_of_set:
+    while may_grow(leads[0]):
         before = leads[0]
         for lead in leads:
             words = add_ripple_orders(lead, words)
@@ -158,6 +198,7 @@ def run_races(
             fitted, words = adopt_spike_scale(
                 sort_by_promise([*fitted, *run_race(further, words, SEARCH.further_race_sizes, on_stage)]), words
             )
+            fitted = _add_wrong_numbers(fitted, words)
         lead, stood = first_with_columns(fitted), next(f for f in fitted if f.effects == before.effects)
         if lead.evidence_here < stood.evidence_here + SEARCH.least_lead * stood.misfit_temperature:
             if stood.has_columns:

@@ -61,7 +61,7 @@ def scan_sizes(
         if far and k in far:
             points.append(place_sizes(at, words, (k,), far[k]))
         tried += [(k, point) for point in points]
-    seen = at.shooting.predict_near(at.point.rollout, [point.rollout for _, point in tried])
+    predictions = at.shooting.predict_near(at.point.rollout, [point.rollout for _, point in tried])
 
     def evidences(of: Sequence[tuple[tuple[int, ...], OperatingPoint]], left: Array) -> Array:
         """Log evidence of candidates at points with their residuals (B, R, M), at the best size of unexplained
@@ -77,7 +77,7 @@ def scan_sizes(
         )
 
     def judged(some: slice) -> list[float]:
-        left = np.stack([weigh_residual(at.shooting, read) for read in seen[some]])
+        left = np.stack([weigh_residual(at.shooting, read) for read in predictions[some]])
         of = [((*led, k) if lead else (), point) for k, point in tried[some]]
         return [float(value) - none for value in evidences(of, left)]
 

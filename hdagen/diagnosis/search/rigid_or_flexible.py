@@ -64,15 +64,15 @@ def compare_with_springs(
     shooting = MultipleShooting(
         flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SEARCH.spring_step
     )
-    words = build_candidates(
+    candidates = build_candidates(
         flexible, guess_from_log(flexible, shooting.record), shooting.record.joints_without_command
     ).with_spike_scale(found.candidates.spike_scale)
-    at, field = _start_spring_fits(shooting, words, found)
+    at, field = _start_spring_fits(shooting, candidates, found)
     lead = sort_by_evidence(found.fits)[0]
     least = -np.inf
     if not leaves_much(lead, found.fits):  # a good fit must gain by springs before anything is tried beside them
         least = lead.evidence_here
-    fits = run_races(at, words, field, on_stage, least)
+    fits = run_races(at, candidates, field, on_stage, least)
     return replace(found, fits=tuple(drop_columns(sort_by_evidence([*found.fits, *fits]))))
 
 
@@ -86,15 +86,15 @@ def _start_spring_fits(
     lead, near = sort_by_evidence(found.fits)[0], found.fits[0].score.posterior.s
     none = next((fit for fit in found.fits if not fit.effects), lead)
     beside = tuple(k for k, atom in enumerate(words.members) if atom.name in lead.names and atom.has_default_shapes)
-    alone: list[Fit] = []
+    spring_fits: list[Fit] = []
     for size in SEARCH.spring_sizes:
         p = _set_springs(shooting.arm, words, springs, shooting.arm.p.copy(), size)
         at = compute_sensitivities(shooting, words, OperatingPoint(p, shooting.measured_initial_states(p)))
-        alone.append(start_fit(at, words, springs, near))
-    if not beside or max(fit.score.evidence for fit in alone) >= lead.evidence_here:
-        return at, alone
+        spring_fits.append(start_fit(at, words, springs, near))
+    if not beside or max(fit.score.evidence for fit in spring_fits) >= lead.evidence_here:
+        return at, spring_fits
     least = none.evidence_here + SEARCH.trailing_share * (lead.evidence_here - none.evidence_here)
-    field = [fit for fit in alone if fit.score.evidence >= least]
+    field = [fit for fit in spring_fits if fit.score.evidence >= least]
     for size in SEARCH.spring_sizes:
         p = _set_springs(shooting.arm, words, springs, _carry_over_parameters(shooting.arm, lead), size)
         field.append(
@@ -113,8 +113,10 @@ def _set_springs(flexible: Arm, words: CandidateSet, springs: tuple[int, ...], p
 
 def _carry_over_parameters(flexible: Arm, lead: Fit) -> Array:
     """Return the parameters (np) of a model with springs at the point of a fit without."""
-    stood = dict(zip(lead.sensitivities.shooting.arm.parameters.described, lead.sensitivities.point.p, strict=True))
-    return np.array([stood.get(name, q.nominal) for name, q in flexible.parameters.described.items()])
+    fitted_values = dict(
+        zip(lead.sensitivities.shooting.arm.parameters.described, lead.sensitivities.point.p, strict=True)
+    )
+    return np.array([fitted_values.get(name, q.nominal) for name, q in flexible.parameters.described.items()])
 
 
 def _log_rigid_joints(flexible: Arm) -> None:

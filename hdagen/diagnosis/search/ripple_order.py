@@ -89,8 +89,8 @@ def _mean_waves(shooting: MultipleShooting, j: int) -> tuple[Array, Array]:
     name = f"motor_position_{j}"
     theta = record.log[name] if name in record.log else ratio * record.log[f"joint_position_{j}"]
     parts, steps, edges = [], count_torque_steps(shooting), record.window_edges[record.selected_windows]
-    seen = np.concatenate([theta[first:end] for first, end in edges])
-    orders = RIPPLE_ORDERS[RIPPLE_ORDERS * np.ptp(seen) >= 2 * np.pi]  # less than one cycle is a trend
+    angles = np.concatenate([theta[first:end] for first, end in edges])
+    orders = RIPPLE_ORDERS[RIPPLE_ORDERS * np.ptp(angles) >= 2 * np.pi]  # less than one cycle is a trend
     for first, end in edges:
         edge = np.linspace(first, end, steps + 1).round().astype(int) - first
         turned = np.exp(1j * orders[:, None] * theta[first:end])

@@ -24,7 +24,13 @@ class SearchSettings:
     further_race_sizes: tuple[int, ...] = declare_setting(
         (5, 3, 2), "hypotheses", "the same for further effects beside a leader: time"
     )
-    most_effects_of_set: int = declare_setting(3, "effects", "effects at once: time")
+    most_effects_of_set: int = declare_setting(
+        3, "effects", "effects at once beside wrong numbers of the robot file: time"
+    )
+    most_members_of_set: int = declare_setting(7, "effects", "effects and wrong numbers at once: time")
+    number_rounds: int = declare_setting(
+        2, "rounds", "rounds in which wrong numbers are chosen: the linear model of the first may miss some"
+    )
     least_evidence_gain: float = declare_setting(
         1.0,
         "temperatures of log evidence",

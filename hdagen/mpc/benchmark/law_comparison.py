@@ -165,11 +165,79 @@ def _measure_free_distances(
     return out
 
 
-def drive_random_runs(
-    count: int, tuned: dict[str, float], profile: str = "native", first: int = 0, out: Path | None = None
-) -> Iterator[RandomRun]:
-    """Drive random runs: sizes of pushes, parameters off by up to 10 %, sensor noise, and a delay of 1 to 3 ticks of
+@dataclass(frozen=True)
+class RandomRunBench:
+    """What random runs share: the arm that controllers believe, the plant whose parameters vary, both controllers, the
+    configuration among limits and the one far from them, and the path."""
+
+    arm: Arm
+    plant: Arm
+    predictive: MPC
+    admittance: Controller
+    near: Configuration
+    far: Configuration
+    path: Reference
+
+
+def make_random_bench(tuned: Mapping[str, float], profile: str, out: Path | None = None) -> RandomRunBench:
+    """Build what random runs share.
+
+    Args:
+        tuned: Gains of the admittance law.
+        profile: Profile of the builds.
+        out: Folder of the builds; None: the usual one.
+
+    Returns:
+        Arms, controllers, configurations and path.
+
+    Raises:
+        PlantError: A build fails, or a controller refuses its configuration.
+
+    """
+    c = make_table_configuration()
+    arm, plant = (load("paper", profile, out=out, mpc=c) for _ in range(2))
+    far = c.with_changes(
+        tuple(replace(w, offset=10.0) for w in COURSE_WALLS), limits__tip_speed=1.0, limits__sudden=0.0
+    )
+    predictive = MPC(arm, c)
+    admittance = Controller(arm, COMPARED_LAWS[1], predictive.guard, list_admittance_gains(c) | dict(tuned))
+    path = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, 4.0, float(c["mpc.period"]))
+    return RandomRunBench(arm, plant, predictive, admittance, c, far, path)
+
+
+def drive_random_run(bench: RandomRunBench, seed: int) -> RandomRun:
+    """Drive one random run: sizes of pushes, parameters off by up to 10 %, sensor noise, and a delay of 1 to 3 ticks of
     which the stamps tell the controller.
+
+    Args:
+        bench: What runs share.
+        seed: Seed of the run, which decides it.
+
+    Returns:
+        The run.
+
+    """
+    random = np.random.default_rng(seed)
+    plant, predictive, c, far = bench.plant, bench.predictive, bench.near, bench.far
+    vary_parameters(plant, random)
+    sensors = Sensors(delay=int(random.integers(RANDOM_DELAYS[0], RANDOM_DELAYS[1] + 1)))
+    pushes = _draw_pushes(random)
+    predictive.configure_with(c)
+    hard = run_trial(plant, predictive, bench.path, pushes, sensors, COURSE_WALLS, seed=seed)
+    ours = evaluate_trial(plant, c, bench.path, hard, predictive)
+    predictive.configure_with(far)
+    loose = run_trial(plant, predictive, bench.path, pushes, sensors, (), seed=seed)
+    free = evaluate_trial(plant, far, bench.path, loose, predictive)
+    found = run_trial(plant, bench.admittance, bench.path, pushes, sensors, (), seed=seed)
+    theirs = evaluate_trial(plant, far, bench.path, found, bench.admittance)
+    lawful = sends_legal_torques(predictive, hard) and sends_legal_torques(predictive, loose)
+    return RandomRun(seed, sensors.delay, ours, free, theirs, lawful, keeps_soft_limits(bench.arm, c, ours))
+
+
+def drive_random_runs(
+    count: int, tuned: Mapping[str, float], profile: str = "native", first: int = 0, out: Path | None = None
+) -> Iterator[RandomRun]:
+    """Drive random runs in this process.
 
     Args:
         count: Count of runs.
@@ -185,29 +253,9 @@ def drive_random_runs(
         PlantError: A build fails, or a controller refuses its configuration.
 
     """
-    c = make_table_configuration()
-    arm, plant = (load("paper", profile, out=out, mpc=c) for _ in range(2))
-    far = c.with_changes(
-        tuple(replace(w, offset=10.0) for w in COURSE_WALLS), limits__tip_speed=1.0, limits__sudden=0.0
-    )
-    predictive = MPC(arm, c)
-    admittance = Controller(arm, COMPARED_LAWS[1], predictive.guard, list_admittance_gains(c) | tuned)
-    path = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, 4.0, float(c["mpc.period"]))
+    bench = make_random_bench(tuned, profile, out)
     for seed in range(first, first + count):
-        random = np.random.default_rng(seed)
-        vary_parameters(plant, random)
-        delay = int(random.integers(RANDOM_DELAYS[0], RANDOM_DELAYS[1] + 1))
-        pushes = _draw_pushes(random)
-        predictive.configure_with(c)
-        hard = run_trial(plant, predictive, path, pushes, Sensors(delay=delay), COURSE_WALLS, seed=seed)
-        ours = evaluate_trial(plant, c, path, hard, predictive)
-        predictive.configure_with(far)
-        loose = run_trial(plant, predictive, path, pushes, Sensors(delay=delay), (), seed=seed)
-        free = evaluate_trial(plant, far, path, loose, predictive)
-        found = run_trial(plant, admittance, path, pushes, Sensors(delay=delay), (), seed=seed)
-        theirs = evaluate_trial(plant, far, path, found, admittance)
-        lawful = sends_legal_torques(predictive, hard) and sends_legal_torques(predictive, loose)
-        yield RandomRun(seed, delay, ours, free, theirs, lawful, keeps_soft_limits(arm, c, ours))
+        yield drive_random_run(bench, seed)
 
 
 def format_comparison(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:

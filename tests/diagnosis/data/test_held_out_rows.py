@@ -88,7 +88,8 @@ def test_another_log_other_rows_and_an_old_diagnosis_are_refused(logs: list[Log]
     lacking = Log(log.time, {k: v for k, v in log.columns.items() if k != "joint_position_1"}, 1, log.source)
     with pytest.raises(LogError, match=r"joint_position_1 is counted and not logged"):
         count_rows(erring(lacking, 2.0, 1), lacking, said, "d.json")
-    for wrong in ({}, {"data": []}, {**said, "data": {"hold_out": [{"log": 1}]}}, {**said, "gap": {"by_channel": 3}}):
+    unsaid: list[dict[str, Any]] = [{}, {"data": []}]
+    for wrong in (*unsaid, {**said, "data": {"hold_out": [{"log": 1}]}}, {**said, "gap": {"by_channel": 3}}):
         with pytest.raises(PlantError, match=r"does not say which rows were held out; diagnose again"):
             count_rows(found, log, wrong, "d.json")
 

@@ -103,14 +103,18 @@ def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
 class Stands(SimpleNamespace):
     """A fit that is told from others by what it is."""
 
-    __hash__ = object.__hash__
+    def __hash__(self) -> int:  # type: ignore[override]
+        return id(self)
 
 
 def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
     atoms = tuple(Candidate(EFFECTS[name], 2, (), {}, True) for name in ("thermal_friction", "current_bias"))
     words = SimpleNamespace(
-        members=atoms, amplitude_columns=list, to_theta=lambda p: p, presence_threshold=lambda k: 0.3
+        members=atoms,
+        measure_size=lambda k, theta: abs(theta[k]),
+        to_theta=lambda p: p,
+        presence_threshold=lambda k: 0.3,
     )
     words.names_of = lambda some: tuple(sorted(atoms[k].name for k in some))
 

@@ -44,7 +44,8 @@ def between(seed: int, strange: float = 3.0, **truth: float) -> EncoderDifferenc
     """A joint that moves for 10 s under a torque that no model tells, its encoders apart by what is ``truth`` and by
     the torsion, with counts of noise."""
     rng, t = np.random.default_rng(seed), np.arange(10_000) / RATE
-    q = sum(0.4 * rng.uniform() * np.sin(2 * np.pi * rng.uniform(0.1, 1.5) * t + rng.uniform(0, 6)) for _ in range(4))
+    waves = [0.4 * rng.uniform() * np.sin(2 * np.pi * rng.uniform(0.1, 1.5) * t + rng.uniform(0, 6)) for _ in range(4)]
+    q = np.sum(waves, axis=0)
     v, acceleration = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
     unknown = strange * np.sign(np.sin(7.3 * q)) * np.tanh(v)  # acts on the link, so that the springs feel it
     torque = 0.3 * acceleration + 6.0 * np.cos(q)
@@ -55,7 +56,8 @@ def between(seed: int, strange: float = 3.0, **truth: float) -> EncoderDifferenc
         "sensor_delay": v,
     }
     twist = (torque + unknown) / STIFFNESS + 1e-6 * rng.normal(size=len(t))
-    twist += sum(size * columns[name] for name, size in truth.items())
+    for name, size in truth.items():
+        twist += size * columns[name]
     borne = np.stack([torque / STIFFNESS, torque, np.gradient(torque, t)], 1)
     every = np.ones(len(t), bool)
     terms = np.stack(list(columns.values()), 1)

@@ -2,22 +2,48 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from catalogue import EFFECTS
 
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
+from hdagen.diagnosis.holdout import leading_set
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion
+from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
 
 LEAD, OTHER, THIRD = ("torque_ripple@1",), ("coulomb_friction@1",), ("coulomb_friction@1", "viscous_friction@1")
 
 
+MEMBERS = ("coulomb_friction@1", "viscous_friction@1", "position_dependent_friction@1", "torque_ripple@1")
+STATED = MEMBERS[:2]  # keys of the robot file
+
+
+def make_fit(names: tuple[str, ...]) -> Any:
+    """A fit of a set of effects, as far as it says which of them are frictions of the robot file."""
+    members, columns = [], []
+    for k, name in enumerate(MEMBERS):
+        effect, _, joint = name.partition("@")
+        members.append(Candidate(EFFECTS[effect], int(joint), (effect,), {}, True))
+        columns.append(Column(effect, k, 0.0, 1.0, 0.1, k, name in STATED))
+    candidates = CandidateSet(tuple(members), tuple(columns))
+    effects = tuple(MEMBERS.index(name) for name in names)
+    return SimpleNamespace(effects=effects, names=names, sensitivities=SimpleNamespace(candidates=candidates))
+
+
+@pytest.fixture(autouse=True)
+def _every_effect_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every effect of a fit is large enough to count as present."""
+    monkeypatch.setattr(leading_set, "keep_present_effects", lambda fit: fit.names)
+
+
 def decide(*, unknown: bool = False) -> Decision:
     """A decision for the first of three sets that were fitted, beside one that was not."""
-    fits: dict[tuple[str, ...], Any] = {names: object() for names in (LEAD, OTHER, THIRD, ())}
+    fits: dict[tuple[str, ...], Any] = {names: make_fit(names) for names in (LEAD, OTHER, THIRD, ())}
     shares = {LEAD: 0.96, OTHER: 0.02, THIRD: 0.01, (): 0.005}
     found = [Hypothesis(names, share, fits[names]) for names, share in shares.items()]
     found.append(Hypothesis(("payload@1",), 0.005, None))
@@ -26,7 +52,12 @@ def decide(*, unknown: bool = False) -> Decision:
 
 
 def lead(gaps: dict[tuple[str, ...], float], decision: Decision | None = None) -> Decision:
-    return lead_on_unseen_motion(decision or decide(), lambda one: {"after": gaps[one.verdict]})
+    return lead_on_unseen_motion(decision or decide(), lambda one: make_gap(gaps[one.verdict]))
+
+
+def make_gap(after: float) -> dict[str, Any]:
+    """`gap` of diagnosis.json of one channel."""
+    return {"after": after, "by_channel": {"joint_position_1": {"after": after}}}
 
 
 def test_the_set_that_tells_unseen_motion_several_times_better_leads_and_is_not_sure() -> None:
@@ -52,3 +83,40 @@ def test_the_most_probable_set_leads_otherwise(gaps: dict[tuple[str, ...], float
 def test_where_something_unknown_is_said_no_set_leads() -> None:
     decision = decide(unknown=True)
     assert lead({}, decision) is decision
+
+
+ROBOT_FILE_SET, RARER_SET = ("coulomb_friction@1", "viscous_friction@1"), ("position_dependent_friction@1",)
+
+
+def lead_frictions(first: tuple[str, ...], *, rarer: float, both: float, one: float) -> Decision:
+    """The decision where ``first`` leads, by what three sets of frictions leave."""
+    gaps = {RARER_SET: rarer, ROBOT_FILE_SET: both, ROBOT_FILE_SET[:1]: one}
+    fits = {names: make_fit(names) for names in gaps}
+    found = [Hypothesis(names, 0.98 if names == first else 0.01, fits[names]) for names in gaps]
+    return lead(gaps, Decision(tuple(found), first, 0.98, 0.99, fits[first]))
+
+
+def test_frictions_of_the_robot_file_lead_where_they_leave_less() -> None:
+    found = lead_frictions(ROBOT_FILE_SET[:1], rarer=9.0, both=2.0, one=2.5)
+    assert found.verdict == ROBOT_FILE_SET and not found.is_sure
+    assert lead_frictions(RARER_SET, rarer=2.5, both=2.0, one=2.4).verdict == ROBOT_FILE_SET
+
+
+def test_of_frictions_that_leave_alike_the_fewest_lead() -> None:
+    assert lead_frictions(RARER_SET, rarer=2.5, both=2.0, one=2.05).verdict == ROBOT_FILE_SET[:1]
+
+
+def test_a_rarer_friction_stays_where_it_tells_motion_down_to_the_noise() -> None:
+    assert lead_frictions(RARER_SET, rarer=2.0, both=2.0, one=2.0).verdict == RARER_SET
+    assert lead_frictions(RARER_SET, rarer=2.0, both=2.5, one=2.5).verdict == RARER_SET
+
+
+def test_far_above_the_noise_a_rarer_friction_gives_way_where_it_tells_no_more() -> None:
+    much = 3.0 * DATA.significant_noise_multiple
+    assert lead_frictions(RARER_SET, rarer=much, both=1.1 * much, one=2.0 * much).verdict == ROBOT_FILE_SET
+    assert lead_frictions(RARER_SET, rarer=much, both=2.0 * much, one=2.0 * much).verdict == RARER_SET
+
+
+def test_frictions_too_small_to_count_do_not_lead(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(leading_set, "keep_present_effects", lambda fit: fit.names[:1])
+    assert lead_frictions(ROBOT_FILE_SET[:1], rarer=9.0, both=2.0, one=2.5).verdict == ROBOT_FILE_SET[:1]

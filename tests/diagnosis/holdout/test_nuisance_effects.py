@@ -117,7 +117,7 @@ def test_of_two_walls_the_one_that_the_log_does_not_tell_is_not_there(
 def test_what_a_base_leans_goes_with_any_verdict_that_does_not_name_it(build: Builder) -> None:
     arm = Arm(build(FLEXIBLE, effects=("gravity_tilt",)).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {})).columns_for(())
-    usual = {axis: arm.parameters.described[f"tilt_{axis}"].typical for axis in "xy"}
+    usual = {axis: float(arm.parameters.described[f"tilt_{axis}"].typical or 0.0) for axis in "xy"}
     assert usual["x"] and usual["y"]
     arm.parameters.update({f"tilt_{axis}": SIZE * size for axis, size in usual.items()})
     log = simulated(arm)

@@ -65,7 +65,10 @@ def test_where_nothing_can_be_closed_a_model_is_as_good_as_it_gets(
 def test_the_sentence_says_what_is_there_and_then_what_remains() -> None:
     remains = [{"joint": 1, "share": 0.41, "noise": 50.0}]
     said = write_verdict(content([FRICTION, "unknown@1"], [[FRICTION]], remains=remains))
-    assert said.startswith("Coulomb friction on joint 1 is missing in the model (probability 1.00)")
+    assert said.startswith(
+        "Coulomb friction on joint 1 is missing in the model (found 0.100 ± 0.010 N m); probability "
+    )
+    assert "; probability 0.80, of exactly this set > 0.99" in said
     assert "What no known effect explains remains beside it: 41 % of the error at joint 1." in said
     assert "unknown" not in said
     alone = write_verdict(content(["unknown@1", "unknown@2"], [["unknown@1"]], remains=remains))

@@ -39,7 +39,7 @@ def none(build: Builder, share: float, ripple: float = 0.0) -> tuple[Fit, Initia
         if c.candidate >= 0 and words.members[c.candidate].has_default_shapes:
             truth[c.index] = c.center + share * rng.choice([-1.0, 1.0]) * c.unit
     truth[names.index("ripple_order_1")] = ORDER
-    truth[names.index("ripple_sine_1")] += ripple * arm.parameters.described["ripple_sine_1"].typical
+    truth[names.index("ripple_sine_1")] += ripple * float(arm.parameters.described["ripple_sine_1"].typical or 0.0)
     log = simulated(arm.with_parameters(truth))
     shooting = MultipleShooting(arm, cut_windows(arm, LogPortion(log, np.ones(len(log), bool)), 0.05))
     hints = guess_from_log(arm, shooting.record)
@@ -136,5 +136,7 @@ def test_a_wall_that_no_one_meant_is_tolerated_as_a_cable_is(build: Builder, sha
         if c.candidate >= 0 and words.members[c.candidate].has_default_shapes
     }
     assert widths["contact_stiffness_above_1"] == pytest.approx(widths["cable_stiffness_1"])
-    assert widths["cable_stiffness_1"] == pytest.approx(share * arm.parameters.described["cable_stiffness_1"].typical)
-    assert arm.parameters.described["contact_stiffness_above_1"].typical > 30 * widths["contact_stiffness_above_1"]
+    described = arm.parameters.described
+    cable, wall = (float(described[name].typical or 0.0) for name in ("cable_stiffness_1", "contact_stiffness_above_1"))
+    assert widths["cable_stiffness_1"] == pytest.approx(share * cable)
+    assert wall > 30 * widths["contact_stiffness_above_1"]

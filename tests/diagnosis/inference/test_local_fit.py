@@ -60,8 +60,12 @@ def test_many_residuals_at_once_are_each_as_alone(s: float, temperature: float) 
     z, r2 = np.sqrt(loud)[..., None] * alone.z, loud * alone.r2
     found = ResidualBatch(alone.cross_products, z, r2, alone.rows, theta, temperature).log_evidences(s, spikes)
     each = [
-        solve_with_scales(LinearModel(alone.cross_products, *own, temperature), spike, s).evidence
-        for *own, spike in zip(z, r2, np.tile(alone.rows, (count, 1)), theta, spikes, strict=True)
+        solve_with_scales(
+            LinearModel(alone.cross_products, each_z, each_r2, rows, start, temperature), spike, s
+        ).evidence
+        for each_z, each_r2, rows, start, spike in zip(
+            z, r2, np.tile(alone.rows, (count, 1)), theta, spikes, strict=True
+        )
     ]
     np.testing.assert_allclose(found, each, rtol=1e-9)
     assert np.ptp(each) > 10.0
@@ -236,7 +240,7 @@ def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkey
     scored += [SimpleNamespace(effects=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
     monkeypatch.setattr(hypothesis_race, "start_fit", lambda at, words, atoms, near, start: atoms)
     assert gains["faint"] > SEARCH.least_evidence_gain
-    assert start_promising(at, words, scored, {}, (), 9, SEARCH.least_evidence_gain) == [(0,), (1,)]  # type: ignore[comparison-overlap]
+    assert start_promising(at, words, scored, {}, (), 9, SEARCH.least_evidence_gain) == [(0,), (1,)]
 
 
 def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:

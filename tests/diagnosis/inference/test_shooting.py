@@ -185,7 +185,7 @@ def test_first_states_of_one_point_are_not_those_of_another_that_is_asked_for_me
     late, place = p.copy(), list(sh.arm.parameters.described).index("sensor_delay_1")
     late[place] = 5e-3
     alone = [sh.measured_initial_states(p), sh.measured_initial_states(late)]
-    assert not np.array_equal(*alone) and sh.arm.p[place] == 0.0
+    assert not np.array_equal(alone[0], alone[1]) and sh.arm.p[place] == 0.0
     for found in (map_in_threads(lambda k: sh.measured_initial_states((p, late)[k % 2]), range(2)) for _ in range(300)):
         assert all(np.array_equal(a, b) for a, b in zip(found, alone, strict=True))
 

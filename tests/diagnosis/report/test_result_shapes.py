@@ -32,7 +32,9 @@ from hdagen.diagnosis.holdout.holdout_check import choose_model
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import remove_unknown
 from hdagen.diagnosis.report import report_page
-from hdagen.diagnosis.report.sentences import explain_confounding, write_verdict
+from hdagen.diagnosis.report.confounding import explain_confounding
+from hdagen.diagnosis.report.repeat_commands import DiagnosedFiles
+from hdagen.diagnosis.report.sentences import write_verdict
 from hdagen.diagnosis.residuals.localization import localize_gap
 from hdagen.diagnosis.residuals.residual_torque import see_residual_torque
 from hdagen.fleet import fleet_page
@@ -42,11 +44,17 @@ from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 
 FRICTION, BIAS, STRANGE = "coulomb_friction@1", "encoder_bias@1", "unknown@1"
-VERDICTS = ([], [FRICTION], [BIAS, FRICTION], [STRANGE], [BIAS, STRANGE])
+VERDICTS: tuple[list[str], ...] = ([], [FRICTION], [BIAS, FRICTION], [STRANGE], [BIAS, STRANGE])
 CHANNEL = {"joint_position_1": {"before": 30.0, "after": 2.0, "noise": 1e-6}}
-GAPS = [
-    {"before": before, "after": after, "flexible": flexible, "achievable": min(before, after, flexible or np.inf)}
-    | {"shrink": shrink, "interval": interval}
+GAPS: list[dict[str, Any]] = [
+    {
+        "before": before,
+        "after": after,
+        "flexible": flexible,
+        "achievable": min(before, after, flexible or np.inf),
+        "shrink": shrink,
+        "interval": interval,
+    }
     for before, after in ((0.9, 0.9), (1.1, 1.0), (50.0, 3.0), (5e3, 5e3))
     for flexible in (None, 0.5, 2.0, 6e3)
     for shrink, interval in ((None, None), (0.5, None), (0.5, [0.2, 0.9]))
@@ -221,7 +229,7 @@ LOGS: dict[str, Callable[[Log], Log]] = {
     "a joint that never moves": still,
     "hardly any rows": lambda log: log.rows(0, 120),
 }
-SAID = {  # an effect of each kind of picture
+SAID: dict[str, dict[str, dict[str, float]]] = {  # an effect of each kind of picture
     "none": {},
     "unknown": {STRANGE: {}},
     "friction": {FRICTION: {"coulomb_friction": 0.25}},
@@ -256,13 +264,14 @@ def test_every_page_is_written(one: tuple[Arm, Log], which: str, tmp_path: Path)
         said |= {"parameters": {} if k % 2 else {"mass_1": estimate(4.6)}, "robot": {"name": "arm", "sha256": None}}
         after = replay(arm, log, with_=verdict.read_verdict(said))
         said |= {"gap": evaluate_gap(before, after, held), "data": {"rate": 1e3, "duration": 1.6, "held_out": "blocks"}}
-        rung = {"effects": [], "probability": None, "gap": 2.0, "interval": None}
+        rung: dict[str, Any] = {"effects": [], "probability": None, "gap": 2.0, "interval": None}
         said |= {"ranking": [rung | {"model": model} for model in ("robot file", "verdict")]}
         said |= {"control": {"refused": "no speed limit"} if k % 2 else None}
         sight = see_residual_torque(arm, verdict.read_verdict(said), log, before, after)
         said["where"] = localize_gap(sight, said["verdict"], held.rows)
         seen = HoldoutMotion(held, lambda _: before, before, before, before)
         found = SimpleNamespace(content=said, after=after, holdout=seen, residual_torque=sight)
-        report_page.write_report(found, tmp_path / "report.html", "again")  # type: ignore[arg-type]
+        files = DiagnosedFiles("robot.toml", ("log.csv",), (), tmp_path)
+        report_page.write_report(found, tmp_path / "report.html", files)  # type: ignore[arg-type]
         assert "</html>" in (tmp_path / "report.html").read_text(encoding="utf-8")
         json.dumps(said, allow_nan=False)

@@ -1,0 +1,127 @@
+"""What the engine of campaigns costs: `python -m hdagen.bench.campaign_overhead`, with tasks that sleep, or a fleet.
+
+Processor time outside tasks is that of this process, which holds client and scheduler, and of the workers, less what
+each task took; start and end of all processes are counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hdagen.bench.host_computer import describe_machine
+from hdagen.campaign.campaign_run import run_campaign
+from hdagen.campaign.cluster import open_cluster
+from hdagen.campaign.cluster_request import ClusterRequest
+from hdagen.campaign.result_store import ResultStore
+from hdagen.campaign.task import Task, TaskFolder
+from hdagen.fleet.fleet_file import read_fleet
+from hdagen.fleet.machine_task import make_machine_task
+
+
+def sleep_for_task(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Sleep, as a task that costs nothing.
+
+    Args:
+        folder: Stays empty.
+        parameters: ``seconds`` of sleep.
+
+    Returns:
+        The parameters.
+
+    """
+    time.sleep(parameters["seconds"])
+    return dict(parameters)
+
+
+def measure_overhead(tasks: Sequence[Task], jobs: int, folder: Path) -> dict[str, Any]:
+    """Run tasks on workers of this machine, or in this process, and measure what they cost.
+
+    Args:
+        tasks: The tasks.
+        jobs: Worker processes; 1 means this process.
+        folder: Empty folder of the results.
+
+    Returns:
+        Counts, times in s, memory in bytes, and the overhead: processor time outside tasks over that inside.
+
+    Raises:
+        PlantError: No further task can be run.
+
+    """
+    begun, used = time.monotonic(), _measure_processor_seconds()
+    store = ResultStore(folder)
+    with store.hold_lock(), open_cluster(ClusterRequest(jobs=jobs), _say_progress) as runner:
+        ready = time.monotonic()
+        outcomes, _ = run_campaign(tasks, store, runner, _say_progress)
+        ended = time.monotonic()
+    total = _measure_processor_seconds() - used
+    inside = sum(one.processor_seconds for one in outcomes.values())
+    return {
+        "tasks": len(tasks),
+        "ended": {status.value: count for status, count in Counter(one.status for one in outcomes.values()).items()},
+        "jobs": jobs,
+        "start_seconds": ready - begun,
+        "run_seconds": ended - ready,
+        "tasks_per_second": len(tasks) / (ended - ready),
+        "processor_seconds_inside": inside,
+        "processor_seconds_outside": total - inside,
+        "outside_per_task": (total - inside) / len(tasks),
+        "overhead": (total - inside) / inside if inside > 0 else None,
+        "memory_of_client_and_scheduler": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "machine": describe_machine(),
+    }
+
+
+def _measure_processor_seconds() -> float:
+    """Of this process and of all its children that have ended."""
+    found = 0.0
+    for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN):
+        usage = resource.getrusage(who)
+        found += usage.ru_utime + usage.ru_stime
+    return found
+
+
+def _say_progress(words: str) -> None:
+    print(words, file=sys.stderr)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the measurement and print it as JSON.
+
+    Args:
+        arguments: Of the command line; None: those of the process.
+
+    Returns:
+        The exit code.
+
+    """
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tasks", type=int, default=10_000, metavar="N", help="tasks that sleep (default: 10000)")
+    parser.add_argument("--seconds", type=float, default=0.01, metavar="T", help="sleep of each, s (default: 0.01)")
+    parser.add_argument("--fleet", type=Path, metavar="fleet.toml", help="the machines of a fleet in their place")
+    parser.add_argument("--jobs", type=int, default=2, metavar="J", help="worker processes (default: 2)")
+    given = parser.parse_args(arguments)
+    if given.fleet is not None:
+        tasks = [make_machine_task(machine) for machine in read_fleet(given.fleet)]
+    else:
+        tasks = [
+            Task(f"sleep-{k}", sleep_for_task, {"seconds": given.seconds, "number": k}) for k in range(given.tasks)
+        ]
+    with tempfile.TemporaryDirectory(prefix="hdagen-overhead-") as place:
+        print(json.dumps(measure_overhead(tasks, given.jobs, Path(place)), indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    from hdagen.bench.campaign_overhead import main as run_here  # under the name that workers can import
+
+    sys.exit(run_here())

@@ -1,0 +1,157 @@
+"""Opens what runs tasks: this process, a cluster of processes on this machine, or one at an address."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+from hdagen.arm.build_loader import PlantError
+from hdagen.campaign.cluster_request import ClusterRequest, format_bytes
+from hdagen.campaign.task_runner import DaskRunner, InProcessRunner, TaskRunner
+
+if TYPE_CHECKING:
+    from distributed import Client, LocalCluster
+
+ANSWER_SECONDS = 10.0  # s in which a scheduler must answer
+_LOCAL_ADDRESS = "127.0.0.1"
+
+
+@contextmanager
+def open_cluster(
+    asked: ClusterRequest, say: Callable[[str], None], needs_processes: bool = False
+) -> Iterator[TaskRunner]:
+    """Open what runs tasks.
+
+    Args:
+        asked: Where tasks run.
+        say: Hears a sentence on addresses and workers.
+        needs_processes: Whether tasks must not run in this process, which knows what they may not know.
+
+    Yields:
+        The runner.
+
+    Raises:
+        PlantError: The request cannot be used, or no scheduler answers; one line a problem.
+
+    """
+    if problems := list(asked.list_problems()):
+        raise PlantError("\n".join(problems))
+    if not asked.is_remote and asked.jobs == 1 and not needs_processes:
+        yield InProcessRunner()
+        return
+    with _configure_dask(), _connect(asked, say) as (client, memory):
+        runner = DaskRunner(client, say, memory)
+        try:
+            yield runner
+        finally:
+            runner.cancel_all()
+
+
+@contextmanager
+def _configure_dask() -> Iterator[None]:
+    """The settings of Dask for this run, and its log kept off the terminal."""
+    import dask
+    import distributed  # noqa: F401 (registers settings and loggers)
+
+    settings: dict[str, Any] = {
+        **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},  # a kill is the limit
+        "distributed.admin.large-graph-warning-threshold": "1TB",  # logs travel in their task
+        "distributed.admin.system-monitor.disk": False,
+    }
+    if not _has_dashboard():
+        settings["distributed.scheduler.http.routes"] = []
+    silent = logging.CRITICAL + 1
+    loggers = [logging.getLogger(name) for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(silent)
+    try:
+        with dask.config.set(settings):
+            yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+@contextmanager
+def _connect(asked: ClusterRequest, say: Callable[[str], None]) -> Iterator[tuple[Client, str]]:
+    """A client of the cluster, and how much memory a task may take. Raises PlantError."""
+    from distributed import Client, LocalCluster, Security
+
+    if asked.is_remote:
+        with _connect_to_address(asked, say) as client:
+            yield client, ""
+        return
+    memory: Any = asked.count_memory_bytes() or "auto"
+    cluster = LocalCluster(
+        n_workers=asked.jobs,
+        threads_per_worker=1,
+        processes=True,
+        host=_LOCAL_ADDRESS,
+        protocol="tls://",
+        security=Security.temporary(),
+        dashboard_address=f"{_LOCAL_ADDRESS}:0",
+        memory_limit=memory,
+        silence_logs=logging.CRITICAL + 1,
+    )
+    try:
+        with Client(cluster) as client:
+            if _has_dashboard():
+                say(f"dashboard: {cluster.dashboard_link}")
+            yield client, _find_memory_limit(cluster)
+    finally:
+        with suppress(TimeoutError):
+            cluster.close(timeout=5)
+
+
+def _has_dashboard() -> bool:
+    """Whether the package that draws Dask's dashboard is installed."""
+    return importlib.util.find_spec("bokeh") is not None
+
+
+def _find_memory_limit(cluster: LocalCluster) -> str:
+    """Memory of one worker, in words."""
+    limits = [worker.memory_manager.memory_limit for worker in cluster.workers.values()]
+    if not limits or not limits[0]:
+        return ""
+    return format_bytes(float(limits[0]))
+
+
+@contextmanager
+def _connect_to_address(asked: ClusterRequest, say: Callable[[str], None]) -> Iterator[Client]:
+    from distributed import Client, Security
+
+    address, security = asked.find_address(), None
+    if asked.is_insecure and address.startswith("tcp://"):
+        say(f"{address}: nothing is encrypted, and whoever reaches the scheduler runs programs on its workers.")
+    if address.startswith("tls://"):
+        security = Security(
+            tls_ca_file=str(asked.tls_ca),
+            tls_client_cert=str(asked.tls_cert),
+            tls_client_key=str(asked.tls_key),
+            require_encryption=True,
+        )
+    try:
+        client = Client(address, security=security, timeout=ANSWER_SECONDS, set_as_default=False)
+    except (OSError, ValueError) as error:  # an answer that never comes, a certificate that is refused or none
+        raise PlantError(
+            f"{address}: no scheduler answers within {ANSWER_SECONDS:g} s, or it does not take this certificate "
+            f"({_shorten_reason(error)}); check address and certificates."
+        ) from None
+    try:
+        if "dashboard" in client.scheduler_info()["services"]:
+            say(f"dashboard, where bokeh is installed beside the scheduler: {client.dashboard_link}")
+        yield client
+    finally:
+        client.close(timeout=5)
+
+
+def _shorten_reason(error: BaseException) -> str:
+    reason: BaseException = error
+    while reason.__cause__ is not None:
+        reason = reason.__cause__
+    lines = str(reason).splitlines() or [type(reason).__name__]
+    return lines[0][:120]

@@ -1,0 +1,125 @@
+"""The worker's side of a task: files in, the action, files out. It knows the payload alone."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import tempfile
+import time
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hdagen.arm.build_loader import MissingCompilerError, PlantError
+from hdagen.campaign.build_transport import unpack_build
+from hdagen.campaign.task import Status, TaskFolder, TaskRefusedError
+
+DISK_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # the worker's fault, not the task's
+ENDED, NEEDS_BUILD, UNFIT_WORKER = "ended", "needs build", "unfit worker"  # kinds of a reply
+_MOST_MESSAGES = 50
+
+
+def execute_payload(payload: Mapping[str, Any], scratch: str | None = None) -> dict[str, Any]:
+    """Execute a task.
+
+    Args:
+        payload: What `Task.make_payload` made.
+        scratch: Folder for the task's own folder; None: the system's.
+
+    Returns:
+        The reply, of plain values: the outcome, a request for a build that this machine cannot compile, or the reason
+        why this worker can do no task.
+
+    """
+    from threadpoolctl import threadpool_limits  # changes the environment when it is imported
+
+    begun, used = time.perf_counter(), _measure_processor_seconds()
+    try:
+        with tempfile.TemporaryDirectory(prefix="hdagen-task-", dir=scratch) as place, threadpool_limits(1):
+            reply = _execute_in_folder(payload, Path(place))
+    except OSError as error:
+        reply = {"kind": UNFIT_WORKER, "messages": [f"{error.filename}: {error.strerror}"]}
+    return reply | {
+        "seconds": time.perf_counter() - begun,
+        "processor_seconds": _measure_processor_seconds() - used,
+    }
+
+
+def execute_on_worker(payload: Mapping[str, Any]) -> dict[str, Any]:
+    """Execute a task in a folder that the worker's supervisor removes even after a kill.
+
+    Args:
+        payload: What `Task.make_payload` made.
+
+    Returns:
+        The reply, as `execute_payload` gives it, with the worker's address.
+
+    """
+    from distributed import get_worker
+
+    worker = get_worker()
+    return execute_payload(payload, worker.local_directory) | {"worker": worker.address}
+
+
+def _measure_processor_seconds() -> float:
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def _execute_in_folder(payload: Mapping[str, Any], place: Path) -> dict[str, Any]:
+    """Run the action in ``place``. Raises OSError where the folder cannot be filled."""
+    inputs, out = _write_inputs(payload["files"], place), place / "out"
+    out.mkdir()
+    folder = TaskFolder(inputs, {name: file["label"] for name, file in payload["files"].items()}, out)
+    messages: list[str] = []
+    row: Mapping[str, Any] = {}
+    try:
+        for build in payload["builds"]:
+            unpack_build(build)
+        row, status = payload["action"](folder, payload["parameters"]), Status.DONE
+    except MissingCompilerError as error:
+        return {"kind": NEEDS_BUILD, "wanted": error.wanted.describe_robot(), "messages": [str(error)]}
+    except TaskRefusedError as error:
+        messages, status = str(error).splitlines(), Status.REFUSED
+    except OSError as error:
+        if error.errno in DISK_ERRNOS:
+            raise
+        messages, status = [f"{error.filename}: {error.strerror}"], Status.FAILED
+    except PlantError as error:
+        messages, status = str(error).splitlines(), Status.FAILED
+    except MemoryError:
+        messages, status = ["there was not enough memory for it."], Status.FAILED
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        said = f"{type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
+        messages, status = [said], Status.FAILED
+    return {
+        "kind": ENDED,
+        "status": status.value,
+        "row": dict(row),
+        "messages": [_name_files_as_sent(line, folder) for line in messages[:_MOST_MESSAGES]],
+        "files": {
+            path.relative_to(out).as_posix(): path.read_bytes()
+            for path in sorted(out.rglob("*"))
+            if path.is_file() and status is Status.DONE
+        },
+    }
+
+
+def _write_inputs(files: Mapping[str, Mapping[str, Any]], place: Path) -> dict[str, Path]:
+    """Write the task's files, each checked against its hash. Raises OSError."""
+    inputs = {}
+    for name, file in files.items():
+        if Path(name).name != name or hashlib.sha256(file["content"]).hexdigest() != file["sha256"]:
+            raise OSError(errno.EBADMSG, "the file did not arrive as it was sent", file["label"])
+        inputs[name] = place / name
+        inputs[name].write_bytes(file["content"])
+    return inputs
+
+
+def _name_files_as_sent(line: str, folder: TaskFolder) -> str:
+    for name, path in folder.inputs.items():
+        line = line.replace(str(path), folder.labels[name])
+    return line

@@ -1,0 +1,66 @@
+"""How far a robot file can be trusted: the factors by which its numbers are wrong, and numbers that strain against it.
+
+A number that a hypothesis frees is taken as found. Every other one stays within three of its tolerances, and one that
+the log presses against that limit says that the file claims to know it better than it does. Effects that are named
+beside such a number may stand in for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from hdagen.adoption.verdict import FACTOR
+from hdagen.arm.arm_parameters import Parameter
+from hdagen.diagnosis.decision.decision_settings import DECISION
+from hdagen.diagnosis.inference.candidate_priors import Candidate
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
+from hdagen.diagnosis.inference.local_fit import Fit
+
+
+def find_strained_numbers(fit: Fit) -> tuple[str, ...]:
+    """Find the numbers of the robot file that the log presses against the limit of what the file claims.
+
+    Args:
+        fit: of the verdict.
+
+    Returns:
+        Names of the parameters, the farthest first.
+
+    """
+    described = fit.sensitivities.shooting.arm.parameters.described
+    (mean, covariance), reach = fit.posterior, {}
+    for k, c in enumerate(fit.sensitivities.candidates.columns):
+        is_held = c.in_every_hypothesis and c.candidate not in fit.effects and described[c.parameter].tolerance > 0
+        informative = np.sqrt(covariance[k, k]) < DECISION.informative_std_ratio * c.spike_width
+        far = abs(float(mean[k])) / c.spike_width
+        if is_held and informative and far >= CANDIDATES.nuisance_limit * (1.0 - DECISION.bound_tolerance):
+            reach[c.parameter] = far
+    return tuple(sorted(reach, key=lambda name: -reach[name]))
+
+
+def describe_factor(
+    candidate: Candidate, described: Mapping[str, Parameter], parameters: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Describe the factor by which a number of the robot file is wrong.
+
+    Args:
+        candidate: the number.
+        described: all parameters by name.
+        parameters: the candidate's estimates by the model's names.
+
+    Returns:
+        The factor, truth over file, as an estimate named "factor"; empty where the candidate is no single number.
+
+    """
+    stated = [name for name in candidate.amplitudes if name in parameters]
+    if not candidate.is_number or len(stated) != 1:
+        return {}
+    found, q = parameters[stated[0]], described[stated[0]]
+    std = None
+    if found["std"] is not None:
+        std = found["std"] / abs(q.stated)
+    factor = {"value": q.compute_factor(found["value"]), "std": std, "unit": "1", "end": found["end"]}
+    return {FACTOR: factor | {"prior": q.tolerance * abs(q.nominal / q.stated), "file": q.stated}}

@@ -1,0 +1,333 @@
+"""Words for joints, channels, effects and their sizes, as sentences and pages have them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hdagen.adoption.verdict import FACTOR
+from hdagen.pages.quantity import Quantity, format_fixed, format_number, scale_quantity
+
+JointNames = Sequence[str | None]
+CHANNEL_UNITS = {"motor_position": "rad", "joint_position": "rad", "motor_current": "A", "motor_torque": "N m"}
+COMMAND_GAIN = "torque_constant"  # the number of a robot file by which commands act
+TIMES_FROM = 1.25  # a ratio from which a number is wrong by times, below it by percent
+HARDLY_THERE = 0.02  # of the file's number, below which the log hardly has it
+MOST_NAMED_SIZES = 2  # of one effect, in a sentence
+NAMES_OF_PEOPLE = ("coulomb", "stribeck")
+LARGEST_NUMBER = 1e3  # beside which a small one is still written in the same unit
+VALUE_DIGITS = 3  # significant digits of a value without a standard deviation
+MOST_DIGITS = 5  # of any value
+
+
+@dataclass(frozen=True)
+class SizeChange:
+    """One number as the robot file has it and as it was found.
+
+    Attributes:
+        name: Of the parameter, without its joint.
+        file: The robot file's number; None where the diagnosis does not say.
+        value: As found.
+        std: Its standard deviation, if it has one.
+        unit: Of all three.
+
+    """
+
+    name: str
+    file: float | None
+    value: float
+    std: float | None
+    unit: str
+
+    @property
+    def ratio(self) -> float | None:
+        """The found value over the file's number; None where the file has none."""
+        if not self.file:
+            return None
+        return self.value / self.file
+
+
+def name_joint(joint: int, joints: JointNames = ()) -> str:
+    """Name a joint: by its name and number, or by its number where it has no name.
+
+    Args:
+        joint: The number, 0 being the whole arm.
+        joints: Names of the joints, None where one has no name.
+
+    Returns:
+        The words.
+
+    """
+    if joint == 0:
+        return "the whole arm"
+    name = None
+    if joint <= len(joints):
+        name = joints[joint - 1]
+    if name:
+        return f"{name} ({joint})"
+    return f"joint {joint}"
+
+
+def name_effect(entry: str, joints: JointNames = ()) -> str:
+    """Name an effect as people say it, without the prefix "missing".
+
+    Args:
+        entry: effect@joint, joint 0 being the whole arm.
+        joints: Names of the joints, None where one has no name.
+
+    Returns:
+        The name with its place.
+
+    """
+    effect, _, joint = entry.partition("@")
+    at = "on"
+    if joint == "0":
+        at = "of"
+    return f"{name_kind(effect)} {at} {name_joint(int(joint), joints)}"
+
+
+def name_kind(effect: str) -> str:
+    """Name an effect without its joint, people's names with a capital.
+
+    Args:
+        effect: Its name in the model.
+
+    Returns:
+        The words.
+
+    """
+    words = effect.removeprefix("missing_").split("_")
+    return " ".join(word.capitalize() if word in NAMES_OF_PEOPLE else word for word in words)
+
+
+def join_effects(entries: Iterable[str], joints: JointNames = ()) -> str:
+    """Name several effects in a row.
+
+    Args:
+        entries: effect@joint each.
+        joints: Names of the joints, None where one has no name.
+
+    Returns:
+        The words.
+
+    """
+    by_kind: dict[str, list[int]] = {}
+    for entry in entries:
+        effect, _, joint = entry.partition("@")
+        by_kind.setdefault(effect, []).append(int(joint))
+    said = []
+    for effect, numbers in by_kind.items():
+        if len(numbers) > 1 and not any(joints) and 0 not in numbers:
+            listed = " and ".join(map(str, sorted(numbers)))
+            said.append(f"{name_kind(effect)} on joints {listed}")
+        else:
+            said += [name_effect(f"{effect}@{joint}", joints) for joint in numbers]
+    return " and ".join(said)
+
+
+def name_channel(name: str, joints: JointNames = ()) -> str:
+    """Name a channel of a log.
+
+    Args:
+        name: Of its column, as motor_position_2.
+        joints: Names of the joints, None where one has no name.
+
+    Returns:
+        The words, as "motor position of joint 2".
+
+    """
+    quantity, _, number = name.rpartition("_")
+    if not quantity or not number.isdigit():
+        return name.replace("_", " ")
+    return f"{quantity.replace('_', ' ')} of {name_joint(int(number), joints)}"
+
+
+def find_channel_unit(name: str, channel: Mapping[str, Any]) -> str:
+    """Return the unit of a channel, of diagnosis.json or by its name.
+
+    Args:
+        name: Of its column.
+        channel: Its entry in `gap.by_channel`.
+
+    """
+    return str(channel.get("unit") or CHANNEL_UNITS.get(name.rpartition("_")[0], ""))
+
+
+def format_values(values: Sequence[float], unit: str, digits: int = VALUE_DIGITS) -> tuple[list[str], str]:
+    """Format values of one quantity with one prefix of their unit.
+
+    Args:
+        values: In the unit.
+        unit: Without a prefix; "1" and "" stand for none.
+        digits: Significant digits.
+
+    Returns:
+        The values as texts, and the unit with its prefix.
+
+    """
+    sizes = [abs(v) for v in values if math.isfinite(v) and v] or [0.0]
+    told = min(sizes)
+    if max(sizes) > LARGEST_NUMBER * told:
+        told = max(sizes)
+    scaled = _scale_unit(unit, told)
+    if max(sizes) * scaled.factor >= LARGEST_NUMBER:
+        scaled = _scale_unit(unit, max(sizes))
+    return [format_number(float(f"{v * scaled.factor:.{digits}g}"), digits) for v in values], scaled.unit
+
+
+def format_change(before: float, after: float, unit: str, between: str = " → ") -> str:
+    """Format two values of one quantity: with one prefix of their unit where both are readable so, else each its own.
+
+    Args:
+        before: The first value.
+        after: The second value.
+        unit: Of both, without a prefix.
+        between: What stands between them.
+
+    Returns:
+        The text.
+
+    """
+    sizes = sorted((abs(before), abs(after)))
+    if 0 < sizes[0] * LARGEST_NUMBER < sizes[1]:
+        each = [format_values([value], unit) for value in (before, after)]
+        return between.join(f"{texts[0]} {written}".rstrip() for texts, written in each)
+    (first, second), written = format_values([before, after], unit)
+    return f"{first}{between}{second} {written}".rstrip()
+
+
+def format_estimate(change: SizeChange) -> tuple[str, str, str, str]:
+    """Format a number of the file, its estimate, and their unit, to digits that its standard deviation bears.
+
+    Args:
+        change: The number.
+
+    Returns:
+        The file's number, the value, its standard deviation ("" where there is none), and the unit with its prefix.
+
+    """
+    scaled = _scale_unit(change.unit, max(abs(change.value), abs(change.file or 0.0)))
+    file = "–"
+    if change.file is not None:
+        file = format_number(change.file * scaled.factor, 4)
+    value = change.value * scaled.factor
+    if not change.std or value == 0:
+        return file, format_number(value, VALUE_DIGITS), "", scaled.unit
+    std = change.std * scaled.factor
+    decimals = max(1 - math.floor(math.log10(std)), 0)
+    if decimals + math.floor(math.log10(abs(value))) < MOST_DIGITS:
+        return file, format_fixed(value, decimals), format_fixed(std, decimals), scaled.unit
+    return file, format_number(value, MOST_DIGITS), format_number(std, 2), scaled.unit
+
+
+def _scale_unit(unit: str, largest: float) -> Quantity:
+    """The unit with the prefix that suits a number; "1" and "" stand for none."""
+    if unit in ("1", ""):
+        return scale_quantity("x", largest)
+    return scale_quantity(f"x ({unit})", largest)
+
+
+def list_sizes(cause: Mapping[str, Any]) -> list[SizeChange]:
+    """List the sizes of an effect; what only shapes it is left out, and so is what the log says nothing of.
+
+    Args:
+        cause: Of diagnosis.json.
+
+    Returns:
+        Its amplitudes; the sine and the cosine of one as one amplitude.
+
+    """
+    every = [
+        SizeChange(name, one.get("file"), one["value"], one["std"], one["unit"])
+        for name, one in cause["parameters"].items()
+        if name != FACTOR
+    ]
+    if FACTOR in cause["parameters"]:
+        return [_size_number(every[0], cause["parameters"][FACTOR])]
+    sizes = [one for one in every if one.std is not None and one.value != one.file] or every[:1]
+    by_name = {one.name: one for one in sizes}
+    found = []
+    for one in sizes:
+        stem = one.name.removesuffix("_sine").removesuffix("_cosine")
+        sine, cosine = by_name.get(f"{stem}_sine"), by_name.get(f"{stem}_cosine")
+        if sine is None or cosine is None or sine.file or cosine.file:
+            found.append(one)
+        elif one is sine:
+            spread = math.hypot(sine.std or 0.0, cosine.std or 0.0)
+            size = math.hypot(sine.value, cosine.value)
+            found.append(SizeChange(f"{stem}_amplitude", None, size, spread or None, one.unit))
+    return found
+
+
+def _size_number(change: SizeChange, factor: Mapping[str, Any]) -> SizeChange:
+    """The number that the robot file states, as the factor has it: an inertia may be lumped there."""
+    std = None
+    if factor["std"] is not None:
+        std = factor["std"] * abs(factor["file"])
+    return SizeChange(change.name, factor["file"], factor["value"] * factor["file"], std, change.unit)
+
+
+def say_effect(entry: str, content: Mapping[str, Any], *, with_sizes: bool = True) -> str:
+    """Say what is wrong at an effect: too small or too large in the file, by how much, or missing in the model.
+
+    Args:
+        entry: effect@joint, of the verdict.
+        content: Of diagnosis.json.
+        with_sizes: Whether the numbers of file and log follow in brackets.
+
+    Returns:
+        A clause.
+
+    """
+    joints = content.get("joints", ())
+    effect, _, joint = entry.partition("@")
+    causes: list[Mapping[str, Any]] = [*content["causes"], {"effect": effect, "joint": joint, "parameters": {}}]
+    cause = next(one for one in causes if (one["effect"], str(one["joint"])) == (effect, joint))
+    sizes, name = list_sizes(cause), name_effect(entry, joints)
+    numbers = _say_sizes(sizes) if with_sizes else ""
+    if len(sizes) != 1 or sizes[0].ratio is None:
+        return f"{name} is missing in the model{numbers}"
+    one, ratio = sizes[0], sizes[0].value / (sizes[0].file or math.nan)
+    if one.name == COMMAND_GAIN and not _logs_current(content):
+        times = f"{format_number(ratio, VALUE_DIGITS)} times as strongly as the file says"
+        return f"commands act on {name_joint(int(joint), joints)} {times}{numbers}"
+    return f"{name} is {_say_ratio(ratio)}{numbers}"
+
+
+def _logs_current(content: Mapping[str, Any]) -> bool:
+    """Whether the log has currents: without them a torque per ampere is a gain of commands."""
+    return not any(name.startswith("motor_torque") for name in content.get("data", {}).get("channels", {}))
+
+
+def _say_ratio(ratio: float) -> str:
+    """The found value over the file's, in words."""
+    if ratio < -HARDLY_THERE:
+        return "of the other sign in the file"
+    if ratio < HARDLY_THERE:
+        return "in the file, and the log has hardly any of it"
+    if ratio >= TIMES_FROM:
+        return f"too small in the file by {format_number(ratio, 2)} times"
+    if ratio <= 1 / TIMES_FROM:
+        return f"too large in the file by {format_number(1 / ratio, 2)} times"
+    if ratio >= 1:
+        return f"too small in the file by {100 * (ratio - 1):.2g} %"
+    return f"too large in the file by {100 * (1 - ratio):.2g} %"
+
+
+def _say_sizes(sizes: Sequence[SizeChange]) -> str:
+    """The numbers of an effect in brackets: in the file and found, with unit."""
+    said = []
+    for one in sizes[:MOST_NAMED_SIZES]:
+        file, value, std, unit = format_estimate(one)
+        found = f"{value} ± {std}" if std else value
+        words = "found"
+        if len(sizes) > 1:
+            words = one.name.replace("_", " ")
+        if one.file:
+            words = f"file {file}, {words}"
+        said.append(f"{words} {found} {unit}".rstrip())
+    if not said:
+        return ""
+    return f" ({'; '.join(said)})"

@@ -1,0 +1,101 @@
+"""Ordinary frictions: the frictions that a robot file states, in place of or beside those that a search has found.
+
+Every drive has the frictions of the robot file. Where a file lacks several of them, one rarer friction may stand in
+for a pair: one whose level goes with the angle fits a short log about as well. Short windows, each with a torque of
+its own that no effect explains, do not tell them apart. So wherever a friction leads, the sets with the ordinary
+frictions in place of all others are fitted as well. Motion that no fit saw then decides
+(`hdagen.diagnosis.holdout.leading_set`).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
+from hdagen.diagnosis.inference.gauss_newton import place_sizes
+from hdagen.diagnosis.inference.local_fit import Fit, start_fit
+from hdagen.diagnosis.inference.sensitivities import Sensitivities
+from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
+from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
+from hdagen.diagnosis.search.hypothesis_race import continue_fit
+from hdagen.diagnosis.search.search_settings import SEARCH
+from hdagen.support.parallel import map_in_threads
+
+LOGGER = logging.getLogger(__name__)
+
+
+def fit_ordinary_frictions(
+    regression: TorqueRegression, at: Sensitivities, words: CandidateSet, fits: Sequence[Fit]
+) -> list[Fit]:
+    """Fit the sets that have ordinary frictions in place of the leader's, each from its regressed sizes.
+
+    Args:
+        regression: the regression of the record, with the same candidates.
+        at: sensitivities about the robot file's numbers.
+        words: all candidates.
+        fits: the fits of the search.
+
+    Returns:
+        The fits of these sets and of their lesser sets, without columns, that were not fitted to their end before; none
+        where no friction leads.
+
+    """
+    lead = sort_by_evidence(fits)[0]
+    ended = {fit.names for fit in fits if fit.has_converged}
+    near = lead.score.posterior.s
+    words = words.with_spike_scale(lead.sensitivities.candidates.spike_scale)
+
+    def fit_set(atoms: tuple[int, ...]) -> Fit:
+        LOGGER.info("fitting %s, from the regressed torque", " + ".join(words.names_of(atoms)))
+        start = place_sizes(at, words, atoms, regression.fit_set(atoms).theta)
+        begun = start_fit(at, words, atoms, near, start)
+        return continue_fit(begun, words, SEARCH.most_further_steps, 1.0).without_columns()
+
+    wanted = dict.fromkeys(_list_sets(words, lead))
+    return map_in_threads(fit_set, [atoms for atoms in wanted if words.names_of(atoms) not in ended])
+
+
+def _list_sets(words: CandidateSet, lead: Fit) -> Iterator[tuple[int, ...]]:
+    """List the sets by places of candidates: the ordinary frictions of every joint with a friction of the leader, and
+    those of all joints, each alone and beside the leader's other effects; then the largest set without one friction."""
+    known = [k for k in lead.effects if k < len(words.members)]
+    beside = [k for k in known if not words.members[k].traits.is_friction]
+    joints = {words.members[k].joint for k in known if words.members[k].traits.is_friction}
+    if not joints:
+        return
+    every = list_ordinary_frictions(words)
+    at_joints = [k for k in every if words.members[k].joint in joints]
+    for frictions in (at_joints, every):
+        yield tuple(sorted(frictions))
+        yield tuple(sorted((*beside, *frictions)))
+    for one in every:
+        yield tuple(sorted((*beside, *(k for k in every if k != one))))
+
+
+def list_ordinary_frictions(words: CandidateSet) -> list[int]:
+    """List the frictions that a robot file states.
+
+    Args:
+        words: all candidates.
+
+    Returns:
+        Places of the candidates that are frictions and whose amplitudes are all keys of the robot file.
+
+    """
+    stated = {c.candidate for c in words.columns if c.in_every_hypothesis}
+    own = {c.candidate for c in words.columns if not c.in_every_hypothesis}
+    return [k for k, one in enumerate(words.members) if one.traits.is_friction and k in stated - own]
+
+
+def is_ordinary(fit: Fit) -> bool:
+    """Tell whether every friction of a fit is one that a robot file states, and it has one.
+
+    Args:
+        fit: the fit.
+
+    """
+    words = fit.sensitivities.candidates
+    frictions = {words.members[k].name for k in fit.effects if words.members[k].traits.is_friction}
+    ordinary = {words.members[k].name for k in list_ordinary_frictions(words)}
+    return bool(frictions) and frictions <= ordinary

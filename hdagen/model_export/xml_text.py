@@ -1,0 +1,132 @@
+"""An XML file whose attributes are changed in place: every other byte stays as it is."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+from xml.sax.saxutils import escape
+
+from hdagen.arm.build_loader import PlantError
+from hdagen.support.input_file import InputFileError, read_bytes
+from hdagen.support.messages import make_printable, show_path
+
+_MOST_XML_BYTES = 20_000_000  # bytes of a model; meshes lie in files of their own
+_MOST_DEPTH = 500
+_ATTRIBUTE_PATTERN = re.compile(rb"""\s([A-Za-z_:][\w:.\-]*)\s*=\s*("[^"]*"|'[^']*')""")
+_TAG_END_PATTERN = re.compile(rb""">|"[^"]*"|'[^']*'""")
+
+
+@dataclass
+class XmlElement:
+    """An element: its tag, its attributes, the element around it (None: it is the root), and the bytes of its tags."""
+
+    tag: str
+    attributes: dict[str, str]
+    parent: XmlElement | None
+    begin: int
+    end: int = 0
+    closing: int = 0
+    changed: dict[str, str] = field(default_factory=dict)
+    new_tag: str | None = None
+
+    def is_inside(self, tag: str) -> bool:
+        """Tell whether an element around it has a tag.
+
+        Args:
+            tag: The tag.
+
+        Returns:
+            Whether one has.
+
+        """
+        around = self.parent
+        while around is not None:
+            if around.tag == tag:
+                return True
+            around = around.parent
+        return False
+
+    def set_attribute(self, name: str, value: str) -> None:
+        """Change or add an attribute.
+
+        Args:
+            name: Its name.
+            value: Its new value.
+
+        """
+        if self.attributes.get(name) != value:
+            self.attributes[name] = self.changed[name] = value
+
+
+class XmlText:
+    """The file ``path``. Raises PlantError where it cannot be read as XML in UTF-8 without a document type."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.elements = path, list[XmlElement]()
+        try:
+            self._content = read_bytes(path, _MOST_XML_BYTES, "name an XML file")
+        except InputFileError as error:
+            raise PlantError(error) from None
+        self._open: list[XmlElement] = []
+        parser = expat.ParserCreate()
+        parser.StartElementHandler = self._begin_element
+        parser.EndElementHandler = self._end_element
+        parser.StartDoctypeDeclHandler = self._refuse_doctype
+        self._parser = parser
+        try:
+            self._content.decode("utf-8")
+            parser.Parse(self._content, True)
+        except (expat.ExpatError, UnicodeDecodeError) as error:
+            why = make_printable(error)[:200]
+            raise PlantError(f"{show_path(path)}: cannot be read as XML in UTF-8 ({why}); mend the file.") from None
+
+    def to_bytes(self) -> bytes:
+        """Write the file as it is now.
+
+        Returns:
+            Its bytes.
+
+        """
+        edits = [edit for element in self.elements for edit in self._list_edits(element)]
+        content = self._content
+        for begin, end, text in sorted(edits, reverse=True):
+            content = content[:begin] + text + content[end:]
+        return content
+
+    def _begin_element(self, tag: str, attributes: dict[str, str]) -> None:
+        begin = self._parser.CurrentByteIndex
+        if len(self._open) >= _MOST_DEPTH:
+            raise PlantError(f"{show_path(self.path)}: its elements are nested too deeply; name a model.")
+        end = next(m.end() for m in _TAG_END_PATTERN.finditer(self._content, begin) if m[0] == b">")
+        element = XmlElement(tag, dict(attributes), self._open[-1] if self._open else None, begin, end)
+        self.elements.append(element)
+        self._open.append(element)
+
+    def _end_element(self, tag: str) -> None:
+        self._open.pop().closing = self._parser.CurrentByteIndex
+
+    def _refuse_doctype(self, *declared: object) -> None:
+        raise PlantError(f"{show_path(self.path)}: it declares a document type, which no model needs; take it out.")
+
+    def _list_edits(self, element: XmlElement) -> list[tuple[int, int, bytes]]:
+        """Begin, end and new text of each change to an element."""
+        edits = []
+        head = self._content[element.begin : element.end]
+        spans = {found[1].decode(): found.span(2) for found in _ATTRIBUTE_PATTERN.finditer(head)}
+        for name, value in element.changed.items():
+            text = escape(value, {'"': "&quot;"}).encode()
+            if name in spans:
+                low, high = spans[name]
+                edits.append((element.begin + low + 1, element.begin + high - 1, text))
+            else:
+                at = element.end - (2 if head.endswith(b"/>") else 1)
+                at -= len(head[: at - element.begin]) - len(head[: at - element.begin].rstrip())
+                edits.append((at, at, b" " + name.encode() + b'="' + text + b'"'))
+        if element.new_tag:
+            edits.append((element.begin + 1, element.begin + 1 + len(element.tag.encode()), element.new_tag.encode()))
+            if self._content[element.closing : element.closing + 2] == b"</":
+                at = element.closing + 2
+                edits.append((at, at + len(element.tag.encode()), element.new_tag.encode()))
+        return edits
