@@ -338,9 +338,9 @@ def test_seed_and_labels_stay_with_the_process_that_sealed_them(
 ) -> None:
     """Neither a file, nor what the diagnosis sees, nor a byte that goes to a worker has the seed or a label."""
     from distributed import protocol
+    from distributed.protocol.core import dumps
 
     sent: list[bytes] = []
-    dumps = protocol.dumps
 
     def note(*arguments: object, **more: object) -> list[bytes]:
         frames: list[bytes] = dumps(*arguments, **more)

@@ -149,9 +149,9 @@ def test_nothing_but_the_tasks_own_inputs_leaves_this_process(
 ) -> None:
     """Every byte that the client serializes for the cluster is looked at."""
     from distributed import core, protocol
+    from distributed.protocol.core import dumps
 
     sent: list[bytes] = []
-    dumps = protocol.dumps
 
     def note(*arguments: object, **more: object) -> list[bytes]:
         frames: list[bytes] = dumps(*arguments, **more)
