@@ -197,14 +197,10 @@ def reduce_tree(tree: Tree, request: ChainRequest, label: str) -> Chain:
         base, (base_place, base_turn) = work.find_body(request.base, "--base")
     else:
         base = _skip_free_joint(work)
-    tip, tip_frame = work.find_tip(base), (np.zeros(3), np.eye(3))
     if request.tip is not None:
         tip, tip_frame = work.find_body(request.tip, "--tip")
-    elif len(tree.bodies[tip].sites) == 1:
-        ((site, tip_frame),) = tree.bodies[tip].sites.items()
-        work.notes.append(f"assumed: the tip is the site {site} of {tree.bodies[tip].name}")
     else:
-        work.notes.append(f"assumed: the tip is the frame of {tree.bodies[tip].name}; --tip names another")
+        tip, tip_frame = _assume_tip(work, base)
     path = work.path_between(base, tip)
     chosen = _choose_joints(work, path)
     _tell_held_joints(work, chosen)
@@ -213,6 +209,18 @@ def reduce_tree(tree: Tree, request: ChainRequest, label: str) -> Chain:
     gravity = _clean(_turn_to_base(work, base, base_turn)) @ tree.gravity
     name = request.tip or tree.bodies[tip].name
     return Chain(tuple(links), tree.bodies[base].name, name, place, turned, gravity + 0.0, tuple(work.notes))
+
+
+def _assume_tip(work: _Reduction, base: int) -> tuple[int, tuple[Array, Array]]:
+    """The last body before the tree branches, and its only site or its own frame."""
+    tip = work.find_tip(base)
+    body = work.bodies[tip]
+    if len(body.sites) == 1:
+        ((site, frame),) = body.sites.items()
+        work.notes.append(f"assumed: the tip is the site {site} of {body.name}")
+        return tip, frame
+    work.notes.append(f"assumed: the tip is the frame of {body.name}; --tip names another")
+    return tip, (np.zeros(3), np.eye(3))
 
 
 def _skip_free_joint(work: _Reduction) -> int:

@@ -7,6 +7,7 @@ taken out before, so that files of meshes need not be there.
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -137,9 +138,12 @@ def compile_tree(file: ModelFile) -> Tree:
     tensors = {body.name: _read_tensor(mujoco, body) for body in spec.bodies if body.name}
     weightless = _strip_geometry(spec, file)
     try:
-        model = spec.compile()
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            model = spec.compile()
     except (ValueError, RuntimeError) as error:
         raise ModelError(f"{file.label}: MuJoCo refuses it ({_first_line(error)}); correct it there.") from None
+    notes += [f"MuJoCo says: {_first_line(one.message)}" for one in told]
     bodies = []
     for index in range(model.nbody):
         body = model.body(index)
@@ -165,7 +169,7 @@ def compile_tree(file: ModelFile) -> Tree:
     return Tree(spec.modelname, model.opt.gravity.copy(), not file.is_urdf, tuple(bodies), tuple(notes))
 
 
-def _first_line(error: Exception) -> str:
+def _first_line(error: Exception | str) -> str:
     """MuJoCo's words in one line, without its own advice of where it is."""
     return re.sub(r"\s+", " ", str(error)).removeprefix("Error: ").strip()[:300].rstrip(".")
 
@@ -236,7 +240,7 @@ def _strip_geometry(spec: Any, file: ModelFile) -> set[str]:
     for number, body in enumerate(spec.bodies):
         body.name = body.name or f"body_{number}"
         states = bool(body.explicitinertial) and not always
-        uses_geometry = not states and (always or automatic) and not file.is_urdf
+        uses_geometry = not states and (always or automatic) and not file.is_urdf and _moves(body, spec.worldbody)
         shapes = [geom for geom in body.geoms if uses_geometry and _has_weight(geom)]
         if any(geom.type.name in ("mjGEOM_MESH", "mjGEOM_SDF", "mjGEOM_HFIELD") for geom in shapes):
             raise ModelError(
@@ -263,6 +267,15 @@ def _strip_geometry(spec: Any, file: ModelFile) -> set[str]:
     spec.compiler.fusestatic = False
     spec.compiler.inertiafromgeom = type(spec.compiler.inertiafromgeom).mjINERTIAFROMGEOM_AUTO
     return weightless
+
+
+def _moves(body: Any, world: Any) -> bool:
+    """Whether a joint moves the body."""
+    while body is not None and body.name != world.name:
+        if body.joints:
+            return True
+        body = body.parent
+    return False
 
 
 def _has_weight(geom: Any) -> bool:

@@ -75,7 +75,9 @@ def read_model_file(path: str | Path) -> ModelFile:
     raw = _read_part(main, 0)
     root = _parse_xml(raw, label)
     if root.tag not in ("robot", "mujoco"):
-        raise ModelError(f"{label}: found <{show_value(root.tag)}> at the top, possible are <robot> and <mujoco>.")
+        raise ModelError(
+            f"{label}: found the element {show_value(root.tag)} at the top, possible are <robot> and <mujoco>."
+        )
     if any("wiki/xacro}" in str(element.tag) for element in root.iter()):
         raise ModelError(f"{label}: found xacro, possible is URDF; expand it by `xacro {label} > model.urdf`.")
     seen: list[Path] = []

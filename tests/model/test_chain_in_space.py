@@ -13,9 +13,13 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+import robots
 import space_robots
+import sympy as sp
 from compiled import Floats
+from graphs import assembled
 
+from gen.builder.build_files import count_operations
 from gen.model.arm_model import solve_symmetric
 from gen.model.robot_chain import make_chain
 from gen.robot.load_robot import from_table
@@ -231,3 +235,97 @@ def test_an_imported_urdf_is_what_pinocchio_reads(robot: str) -> None:
 def test_ten_thousand_states_agree(text: str) -> None:
     for reference in (Pinocchio(text), MuJoCo(text)):
         compare(text, reference, CAMPAIGN_STATES)
+
+
+# -- a second derivation, and the plane -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kinds", ["RR", "RP", "PRR"])
+def test_sympys_lagrangian_agrees(kinds: str) -> None:
+    """Positions of the centres of mass and rotations, differentiated by SymPy: M, and Coriolis with gravity."""
+    text = space_robots.chain(kinds, 21, aligned=True)
+    table, n = tomllib.loads(text), len(kinds)
+    q, v = sp.symbols(f"q:{n}"), sp.symbols(f"v:{n}")
+    kinetic, height, R, o = sp.S.Zero, sp.S.Zero, sp.eye(3), sp.zeros(3, 1)
+    for joint, angle in zip(table["joint"], q, strict=True):
+        o, R = o + R * sp.Matrix(joint["origin"]), R * sp.Matrix(place(joint).rotation.round(15))
+        axis = sp.Matrix(joint["axis"])
+        if joint["type"] == "prismatic":
+            o = o + R * axis * angle
+        else:
+            K = sp.Matrix(3, 3, lambda i, k, a=axis: a.cross(sp.Matrix(np.eye(3)[:, k]))[i])
+            R = R * (sp.eye(3) + sp.sin(angle) * K + (1 - sp.cos(angle)) * K * K)
+        center = o + R * sp.Matrix(joint["center_of_mass"])
+        speed = center.jacobian(q) * sp.Matrix(v)
+        rate = sum((R.diff(one) * by for one, by in zip(q, v, strict=True)), sp.zeros(3))
+        turning = R.T * rate
+        spin = sp.Matrix([turning[2, 1], turning[0, 2], turning[1, 0]])
+        xx, yy, zz, xy, xz, yz = joint["inertia"]
+        inertia = sp.Matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        kinetic += joint["mass"] * speed.dot(speed) / 2 + spin.dot(inertia * spin) / 2
+        height -= joint["mass"] * sp.Matrix(table["gravity"]).dot(center)
+    M = sp.hessian(kinetic, v)
+    momentum = M * sp.Matrix(v)
+    bias = momentum.jacobian(q) * sp.Matrix(v) - sp.Matrix([sp.diff(kinetic - height, one) for one in q])
+    numbers = sp.lambdify([q, v], [M, bias, kinetic, height], modules="numpy", cse=True)
+    f = graph(text)
+    for row in zip(*states(n, 10), strict=True):
+        ours = dict(zip(f.name_out(), f(*row), strict=True))
+        theirs = dict(zip(("mass_matrix", "bias", "kinetic", "potential"), numbers(row[0], row[1]), strict=True))
+        for name, expected in theirs.items():
+            expected = np.asarray(expected, float).reshape(ours[name].shape)  # noqa: PLW2901
+            assert np.array(ours[name]) == pytest.approx(expected, rel=1e-10, abs=1e-10 * np.abs(expected).max())
+
+
+PLANE_OPERATIONS = {  # of the preset `paper`, as they were before the chain left the plane
+    "rhs": 233,
+    "rhs_exact": 233,
+    "holding": 158,
+    "rhs_jacobian": 959,
+    "points": 15,
+    "tip_jacobian": 60,
+    "mass_matrix": 21,
+    "coriolis_matrix": 18,
+    "gravity_torque": 31,
+    "inverse_dynamics": 93,
+    "energy": 309,
+    "outputs": 231,
+    "force_map": 48,
+    "position_tick": 396,
+    "impedance_cartesian_tick": 528,
+}
+
+
+def test_the_plane_costs_no_operation_more() -> None:
+    found = {f.name: count_operations(f.graph) for f in assembled("paper").functions}
+    assert {name: most for name, most in PLANE_OPERATIONS.items() if found[name] > most} == {}
+
+
+def test_a_chain_in_space_that_lies_in_the_plane_is_the_one_of_the_short_form() -> None:
+    """The same arm in both forms: M, bias, gravity, tip and torques under a force are equal."""
+    text = robots.chain("RPR", 6)
+    table = tomllib.loads(text)
+    lines, end = [f'name = "flat"\ngravity = {[*table["gravity"], 0.0]}'], 0.0
+    for joint in table["joint"]:
+        slides, own = joint["type"] == "prismatic", joint["inertia"]
+        axis = [1.0, 0.0, 0.0] if slides else [0.0, 0.0, 1.0]
+        lines += ["[[joint]]", f'type = "{joint["type"]}"', f"origin = [{end}, 0.0, 0.0]", f"axis = {axis}"]
+        lines += [f"mass = {joint['mass']}", f"center_of_mass = [{joint['center_of_mass']}, 0.0, 0.0]"]
+        lines += [f"inertia = [{own}, {own}, {own}, 0.0, 0.0, 0.0]", "[joint.drive]"]
+        lines += [f"{key} = {str(value).lower()}" for key, value in joint["drive"].items()]
+        end = joint["length"]
+    flat = "\n".join([*lines, "[tip]", f"origin = [{end}, 0.0, 0.0]"])
+    q, v, a, wrench, torque = states(3, 20)
+    wrench[:, 2:] = 0.0
+    short = from_table(table, "robot.toml", Path("robot.toml"))
+    chain, p = make_chain(short), {value.name: value.nominal for value in list_parameters(short)}
+    for row in zip(q, v, a, wrench, torque, strict=True):
+        deep = dict(zip(graph(flat).name_out(), graph(flat)(*row), strict=True))
+        symbols = [ca.SX(part) for part in row[:3]]
+        expected = {
+            "mass_matrix": chain.mass_matrix(symbols[0], p),
+            "bias": chain.bias_torque(symbols[0], symbols[1], p),
+            "torque": chain.newton_euler(*symbols[:2], ca.vertsplit(symbols[2]), p, chain.gravity(p), row[3][:2]),
+        }
+        for name, value in expected.items():
+            assert np.array(deep[name]) == pytest.approx(np.array(ca.DM(ca.evalf(value))), rel=1e-12, abs=1e-11)

@@ -1,0 +1,295 @@
+"""URDF and MJCF models become robot files: what is read, what is assumed, and one sentence for each thing wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from gen.robot.description import Robot
+from gen.robot.load_robot import from_table
+from gen.robot.mass_matrix import mass_matrix
+from hdagen.model_import.chain_reduction import ChainRequest
+from hdagen.model_import.model_file import ModelError, is_model_file
+from hdagen.model_import.robot_writing import import_model, make_quaternion
+
+BODY = '<inertial pos="0.01 0.02 0.1" mass="{mass}" fullinertia="0.03 0.04 0.02 0.001 -0.002 0.003"/>'
+ARM = f"""<mujoco model="three links">
+  <option gravity="0 0 -9.81"/><compiler angle="radian"/>
+  <default><default class="big"><joint armature="0.1" damping="2" frictionloss="0.7" range="-2 2"/></default></default>
+  <asset><mesh name="shell" file="nowhere.stl"/></asset>
+  <worldbody>
+    <body name="base"><geom type="mesh" mesh="shell"/>
+      <body name="upper" pos="0 0 0.3" childclass="big"><joint name="shoulder" axis="0 1 0"/>{BODY.format(mass=2)}
+        <geom type="mesh" mesh="shell"/>
+        <body name="lower" pos="0 0 0.4" quat="1 1 0 0"><joint name="elbow" axis="0 0 1" pos="0 0.05 0" ref="0.3"/>
+          {BODY.format(mass=1.5)}
+          <body name="slider" pos="0.1 0 0"><joint name="reach" type="slide" axis="1 0 0"/>{BODY.format(mass=1)}
+            <body name="hand" pos="0 0 0.1" euler="0 0 0.5">{BODY.format(mass=0.4)}<site name="grip" pos="0 0 0.05"/>
+              <body name="left"><joint name="finger_l" type="slide"/>{BODY.format(mass=0.02)}</body>
+              <body name="right"><joint name="finger_r" type="slide" ref="0.01"/>{BODY.format(mass=0.03)}</body>
+            </body></body></body></body></body>
+  </worldbody>
+  <actuator><motor joint="elbow" gear="3" ctrlrange="-5 5"/>
+    <position joint="shoulder" kp="100" forcerange="-40 50"/></actuator>
+  <keyframe><key qpos="1 1 0.1 0 0"/></keyframe>
+</mujoco>"""
+
+
+def write(folder: Path, text: str, name: str = "arm.xml") -> str:
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return str(path)
+
+
+def built(text: str) -> Robot:
+    return from_table(tomllib.loads(text), "robot.toml", Path("robot.toml"))
+
+
+def full_mass_matrix(text: str, q: dict[str, float]) -> np.ndarray:
+    """MuJoCo's own mass matrix of the three links at joint positions, without geometry, and without the fingers."""
+    spec = mujoco.MjSpec.from_string(text)
+    for geom in [geom for body in spec.bodies for geom in body.geoms]:
+        spec.delete(geom)
+    for mesh in list(spec.meshes):
+        spec.delete(mesh)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for name, value in q.items():
+        data.qpos[model.joint(name).qposadr[0]] = value
+    mujoco.mj_forward(model, data)
+    M = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    return M[:3, :3]
+
+
+def test_a_chain_with_a_gripper_is_what_mujoco_computes(tmp_path: Path) -> None:
+    made = import_model(write(tmp_path, ARM))
+    robot = built(made.text)
+    assert [joint.name for joint in robot.joints] == ["shoulder", "elbow", "reach"]
+    assert [joint.kind for joint in robot.joints] == ["revolute", "revolute", "prismatic"]
+    rng = np.random.default_rng(1)
+    for q in rng.uniform(-1.5, 1.5, (5, 3)):
+        theirs = full_mass_matrix(ARM, dict(zip(("shoulder", "elbow", "reach"), q, strict=True)))
+        assert mass_matrix(robot.joints, q[None])[0] == pytest.approx(theirs, rel=1e-9, abs=1e-12)
+
+
+def test_every_number_has_its_source_and_every_assumption_is_told(tmp_path: Path) -> None:
+    made = import_model(write(tmp_path, ARM))
+    assert all("  # " in line for line in made.text.splitlines() if "=" in line and not line.startswith("#"))
+    told = "\n".join(made.notes)
+    for words in (
+        "assumed: the tip is the site grip of hand",
+        "held: finger_l at 0, finger_r at 0.01, and welded",
+        "left out: the servo of shoulder; the input is its torque",
+        "left out: 1 keyframes",
+    ):
+        assert words in told, told
+    table = tomllib.loads(made.text)
+    first, second, third = table["joint"]
+    drive = {"rigid": True, "ratio": 1.0, "motor_inertia": 0.1, "viscous_friction": 2.0, "coulomb_friction": 0.7}
+    assert first["drive"].items() >= drive.items() and table["gravity"] == [0.0, 0.0, -9.81]
+    assert first["limits"]["torque"] == 40.0 and second["limits"]["torque"] == 15.0
+    assert "torque" not in third["limits"] and first["limits"]["position"] == [-2.0, 2.0]
+    assert "<inertial> of slider, hand, left, right, welded" in made.text
+    assert first["drive"]["friction_smoothing"] >= 0.01 or first["drive"].get("friction_smoothing") is None
+
+
+def test_base_tip_joints_and_held_joints_are_chosen(tmp_path: Path) -> None:
+    path = write(tmp_path, ARM)
+    table = tomllib.loads(import_model(path, ChainRequest(base="upper", tip="grip")).text)
+    assert [joint["name"] for joint in table["joint"]] == ["elbow", "reach"]
+    raised = [0.0, 0.0, 0.4 + 0.05]  # the anchor lies along y of a frame that is turned
+    assert table["joint"][0]["origin"] == pytest.approx(raised, abs=1e-12)
+    fewer = import_model(path, ChainRequest(joints=("shoulder", "reach"), held=(("elbow", 0.8),)))
+    robot = built(fewer.text)
+    assert [joint.name for joint in robot.joints] == ["shoulder", "reach"] and "elbow at 0.8" in fewer.notes[-3]
+    q = np.array([0.4, -0.2])
+    theirs = full_mass_matrix(ARM, {"shoulder": 0.4, "elbow": 0.8, "reach": -0.2})[np.ix_([0, 2], [0, 2])]
+    assert mass_matrix(robot.joints, q[None])[0] == pytest.approx(theirs, rel=1e-9, abs=1e-12)
+
+
+def test_a_held_finger_moves_what_is_welded(tmp_path: Path) -> None:
+    path = write(tmp_path, ARM)
+    closed, opened = (built(import_model(path, ChainRequest(held=(("finger_l", at),))).text) for at in (0.0, 0.1))
+    assert closed.joints[0].link == opened.joints[0].link
+    assert closed.joints[2].link != opened.joints[2].link
+
+
+URDF = """<robot name="two"><link name="root"/>
+ <joint name="a" type="{kind}"><parent link="root"/><child link="one"/><axis xyz="0 0 1"/>
+  <limit effort="20" velocity="3" lower="-1" upper="1"/><dynamics damping="0.5" friction="0.25"/></joint>
+ <link name="one"><inertial><origin xyz="0.1 0 0" rpy="0.3 0 0"/><mass value="{mass}"/>
+  <inertia ixx="{ixx}" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
+  <visual><geometry><mesh filename="package://nowhere/shell.stl"/></geometry></visual></link>
+ <joint name="b" type="revolute"><parent link="one"/><child link="two"/><origin xyz="0.3 0 0" rpy="1.57079632679 0 0"/>
+  <axis xyz="0 1 0"/><limit effort="0" velocity="0" lower="-2" upper="2"/></joint>
+ <link name="two"><inertial><mass value="0.5"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>
+ </inertial></link>{more}</robot>"""
+
+
+def urdf(kind: str = "revolute", mass: str = "1", ixx: str = "0.02", more: str = "") -> str:
+    return URDF.format(kind=kind, mass=mass, ixx=ixx, more=more)
+
+
+def test_a_urdf_is_read_without_its_meshes(tmp_path: Path) -> None:
+    made = import_model(write(tmp_path, urdf(), "two.urdf"))
+    table = tomllib.loads(made.text)
+    first, second = table["joint"]
+    assert first["limits"] == {"position": [-1, 1], "speed": 3, "torque": 20, "motor_torque_rate": 2000}
+    assert (first["drive"]["viscous_friction"], first["drive"]["coulomb_friction"]) == (0.5, 0.25)
+    assert "assumed: gravity of 9.81 m/s² against z of the root link, as URDF states none" in made.notes
+    assert any("right angles" in note for note in made.notes) and built(made.text).in_space
+    half = np.sqrt(0.5)
+    assert second["rotation"] == pytest.approx([half, half, 0, 0], abs=1e-15) and "torque" not in second["limits"]
+    c, s = np.cos(0.3), np.sin(0.3)
+    R = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    tensor = R @ np.diag([0.02, 0.02, 0.02]) @ R.T
+    assert first["inertia"] == pytest.approx([*np.diag(tensor), 0, 0, 0], abs=1e-12)
+
+
+def link(name: str, mass: float = 1.0) -> str:
+    return f'<body name="{name}"><joint name="j_{name}"/><inertial pos="0 0 0" mass="{mass}" diaginertia="1 1 1"/>'
+
+
+def chain(many: int) -> str:
+    return f"<mujoco><worldbody>{''.join(link(f'b{k}') for k in range(many))}{'</body>' * many}</worldbody></mujoco>"
+
+
+BAD: dict[str, tuple[str, str, str]] = {
+    "no file": ("", "missing.urdf", "missing.urdf: "),
+    "no XML": ("not xml", "a.xml", "found text that is no XML"),
+    "other XML": ("<html/>", "a.xml", "found the element 'html' at the top, possible are <robot> and <mujoco>"),
+    "entity bomb": ('<!DOCTYPE r [<!ENTITY a "aaaa">]><robot>&a;</robot>', "a.urdf", "found a DOCTYPE or ENTITY"),
+    "xacro": (
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:a/></robot>',
+        "a.urdf",
+        "a.urdf > model.urdf`",
+    ),
+    "xacro file": ("<robot/>", "a.xacro", "expand it by `xacro"),
+    "include outside": ('<mujoco><include file="../x.xml"/></mujoco>', "in/a.xml", "possible is a file in the model's"),
+    "include loop": ('<mujoco><include file="a.xml"/></mujoco>', "a.xml", "names 'a.xml' again"),
+    "include missing": ('<mujoco><include file="b.xml"/></mujoco>', "a.xml", "b.xml: "),
+    "0 joints": ('<mujoco><worldbody><body name="b"/></worldbody></mujoco>', "a.xml", "found 0 joints between"),
+    "13 joints": (chain(13), "a.xml", "found 13 joints between base and tip, possible are 1 to 12"),
+    "negative inertia": (urdf(ixx="-0.02"), "a.urdf", "MuJoCo refuses it"),
+    "triangle": (urdf(ixx="0.05"), "a.urdf", "MuJoCo refuses it"),
+    "massless": (urdf(mass="0", ixx="0"), "a.urdf", "link one behind joint a: found no mass, possible is above 0"),
+    "axis of length 0": (chain(1).replace("<joint ", '<joint axis="0 0 0" '), "a.xml", "MuJoCo refuses it"),
+    "quaternion 0": (chain(1).replace('name="b0"', 'name="b0" quat="0 0 0 0"'), "a.xml", "MuJoCo "),
+    "NaN": (chain(1).replace('mass="1.0"', 'mass="nan"'), "a.xml", "a.xml"),
+    "duplicate joints": (chain(2).replace("j_b1", "j_b0"), "a.xml", "MuJoCo"),
+    "cyclic": (
+        urdf(more='<joint name="c" type="fixed"><parent link="two"/><child link="one"/></joint>'),
+        "a.urdf",
+        "MuJoCo cannot read it",
+    ),
+    "ball": (chain(1).replace("<joint ", '<joint type="ball" '), "a.xml", "is ball, possible are revolute and prism"),
+    "floating": (urdf(kind="floating"), "a.urdf", "MuJoCo refuses it (free joint"),
+    "two tips": (
+        f"<mujoco><worldbody>{link('l')}</body>{link('r')}</body></worldbody></mujoco>",
+        "a.xml",
+        "found a tree with several tips, possible is one chain; name its end by --tip",
+    ),
+    "mesh inertia": (
+        '<mujoco><asset><mesh name="m" file="m.stl"/></asset><worldbody><body name="b"><joint/>'
+        '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
+        "a.xml",
+        "body b: found no inertia but that of a mesh",
+    ),
+    "mimic": (
+        chain(2).replace("</mujoco>", '<equality><joint joint1="j_b0" joint2="j_b1"/></equality></mujoco>'),
+        "a.xml",
+        "is coupled to another joint, possible are independent joints; leave it out by --joints",
+    ),
+    "closed loop": (
+        chain(2).replace("</mujoco>", '<equality><connect body1="b1" anchor="0 0 0"/></equality></mujoco>'),
+        "a.xml",
+        "b1 is tied to another body in a closed loop",
+    ),
+    "two joints": (chain(1).replace("<joint ", '<joint name="more"/><joint '), "a.xml", "b0 has several joints"),
+    "no name": (chain(1).replace(' name="j_b0"', ""), "a.xml", "needs a name"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_what_is_wrong_is_one_sentence(what: str, tmp_path: Path) -> None:
+    text, name, words = BAD[what]
+    path = tmp_path / name
+    if text:
+        write(tmp_path, text, name)
+    with pytest.raises(ModelError) as refused:
+        import_model(str(path))
+    sentence = str(refused.value)
+    assert words in sentence and "\n" not in sentence and sentence.isprintable() and len(sentence) < 700, sentence
+
+
+@pytest.mark.parametrize(
+    "request_, words",
+    [
+        (ChainRequest(tip="nobody"), "--tip names no link or site: found 'nobody'"),
+        (ChainRequest(base="hand", tip="upper"), "upper does not hang on hand"),
+        (ChainRequest(joints=("finger_l",)), "--joints names finger_l, which is not between base and tip"),
+        (ChainRequest(joints=("elbwo",)), "found no joint named 'elbwo' (did you mean elbow?)"),
+        (ChainRequest(held=(("wrist", 1.0),)), "found no joint named 'wrist'"),
+    ],
+    ids=lambda part: "" if isinstance(part, str) else str(part)[13:50],
+)
+def test_a_chain_that_is_not_there_is_refused(request_: ChainRequest, words: str, tmp_path: Path) -> None:
+    with pytest.raises(ModelError) as refused:
+        import_model(write(tmp_path, ARM), request_)
+    assert words in str(refused.value)
+
+
+def test_a_model_of_100_megabytes_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "huge.urdf"
+    with path.open("wb") as stream:
+        stream.truncate(100_000_000)
+    with pytest.raises(ModelError, match="100000000 bytes"):
+        import_model(str(path))
+
+
+def test_hostile_names_become_labels(tmp_path: Path) -> None:
+    made = import_model(write(tmp_path, chain(2).replace("j_b0", "9; rm -rf ~/&quot;x").replace("j_b1", "ok")))
+    first, second = tomllib.loads(made.text)["joint"]
+    assert first["name"] == "j9__rm_-rf____x" and second["name"] == "ok"
+    assert any("is called j9__rm_-rf____x" in note for note in made.notes) and built(made.text).in_space
+
+
+def test_a_floating_base_is_left_out(tmp_path: Path) -> None:
+    body = '<body name="hull"><freejoint/><inertial pos="0 0 0" mass="9" diaginertia="1 1 1"/>'
+    text = f"<mujoco><worldbody>{body}{link('a')}{link('b')}</body></body></body></worldbody></mujoco>"
+    made = import_model(write(tmp_path, text))
+    assert "left out: the free joint of hull, which is the base" in made.notes
+    assert len(tomllib.loads(made.text)["joint"]) == 2
+
+
+def test_the_command_writes_the_file_whole_or_not_at_all(tmp_path: Path) -> None:
+    out = tmp_path / "robot.toml"
+    command = [sys.executable, "-m", "hdagen", "robot", "import"]
+    path = write(tmp_path, ARM)
+    done = subprocess.run([*command, path, "--out", str(out)], capture_output=True, text=True, check=True)
+    assert done.stdout == f"{out}\n" and "held: finger_l" in done.stderr
+    assert built(out.read_text()).name == "three links"
+    before = out.read_text()
+    done = subprocess.run(
+        [*command, write(tmp_path, "<x/>"), "--out", str(out)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2 and out.read_text() == before and done.stderr.count("\n") == 1
+
+
+def test_quaternions_of_every_turn_come_back() -> None:
+    from gen.robot.link_geometry import make_rotation
+
+    rng = np.random.default_rng(0)
+    turns = [*rng.normal(size=(50, 4)), *np.eye(4), [1, 1, 0, 0], [1, 0, 0, -1], [0, 1, 1, 0], [1, -1, 1, -1]]
+    for turn in turns:
+        R = make_rotation(tuple(np.asarray(turn) / np.linalg.norm(turn)))
+        assert make_rotation(tuple(make_quaternion(R))) == pytest.approx(R, abs=1e-15)
+    assert is_model_file("a.URDF") and is_model_file("b.xml") and not is_model_file("c.toml")
