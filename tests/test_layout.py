@@ -209,7 +209,7 @@ def test_names_of_test_files_stand_once() -> None:
 
 # -- imports do nothing -----------------------------------------------------------------------------------------------
 
-DEFINES = (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign, ast.FunctionDef, ast.ClassDef)
+DEFINES = (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 
 
 def test_modules_hold_definitions_only() -> None:

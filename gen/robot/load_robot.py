@@ -156,10 +156,8 @@ def _make_joint(values: dict[str, dict[str, Any]], tolerance: float) -> Joint:
 def _make_link(own: dict[str, Any]) -> PlanarLink | SpatialLink:
     if "origin" in own:
         return SpatialLink(**{name: own[name] for name in SpatialLink.__dataclass_fields__})
-    inertia = own.get("inertia")
-    is_lumped = inertia is None
-    if is_lumped:
-        inertia = _inertia_about_center(own)
+    is_lumped = own.get("inertia") is None
+    inertia = _inertia_about_center(own) if is_lumped else own["inertia"]
     return PlanarLink(own["length"], own["center_of_mass"], inertia, is_lumped)
 
 

@@ -120,6 +120,7 @@ def _diagnose_cases(
     """Make the log of each case as its turn comes and have it diagnosed; return the truth of each, which no file
     holds."""
     told: dict[str, dict[str, Any]] = {}
+    outcomes: dict[str, Outcome] = {}
 
     def make_tasks() -> Iterator[Task]:
         for index, case in enumerate(drawn):
@@ -134,14 +135,23 @@ def _diagnose_cases(
             kept = store.find_finished(task)
             if kept is None:
                 yield task
-            elif kept.status is not Status.DONE:
+                continue
+            outcomes[task.name] = kept
+            if kept.status is not Status.DONE:
                 _write_result(asked, case, _describe_failure(kept))
 
     names = {f"{case.name}/out": case for case in drawn}
-    for task, outcome in run_arriving_tasks(make_tasks(), len(drawn), store, runner, said):
+    for task, outcome in run_arriving_tasks(make_tasks(), _count_open_cases(asked, drawn), store, runner, said):
+        outcomes[task.name] = outcome
         if outcome.status is not Status.DONE:
             _write_result(asked, names[task.name], _describe_failure(outcome))
+    store.write_table(outcomes)
     return told
+
+
+def _count_open_cases(asked: Check, drawn: Sequence[Case]) -> int:
+    """How many cases have no result yet."""
+    return sum(not (asked.out / "cases" / case.name / "result.json").exists() for case in drawn)
 
 
 def _measure_cases(
@@ -171,7 +181,7 @@ def _measure_cases(
             yield make_gap_task(folder, f"{case.name}/gap", case.robot.noise(), asked.program)
 
     names = {f"{case.name}/gap": case for case in drawn}
-    for task, outcome in run_arriving_tasks(make_tasks(), len(drawn), store, runner, said):
+    for task, outcome in run_arriving_tasks(make_tasks(), _count_open_cases(asked, drawn), store, runner, said):
         case = names[task.name]
         result = _describe_failure(outcome)
         if outcome.status is Status.DONE:

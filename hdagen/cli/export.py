@@ -131,8 +131,9 @@ def _print_export(written: Exported) -> None:
             before = "" if change.before is None else f"{change.before:.6g}"
             table.add_row(escape(change.where), before, f"{change.after:.6g}", change.unit)
         console.print(table)
-    for place, sentence in written.left_out.items():
-        console.print(f"left out: {place}: {sentence}", markup=False)
+    for sentence in dict.fromkeys(written.left_out.values()):
+        places = ", ".join(place for place, reason in written.left_out.items() if reason == sentence)
+        console.print(f"left out: {places}: {sentence}", markup=False)
     notes = [*written.notes]
     if written.proof:
         _print_proof(console, written.proof)

@@ -13,7 +13,7 @@ from typing import Any
 
 from hdagen.adoption.diagnosis_file import is_finite
 from hdagen.adoption.diagnosis_schema import upgrade_content
-from hdagen.adoption.verdict import read_verdict
+from hdagen.adoption.verdict import FACTOR, read_verdict
 from hdagen.pages.number_table import TableCell
 from hdagen.pages.result_table import ResultTable
 
@@ -332,6 +332,8 @@ def _read_estimates(
         if effect in named and isinstance(cause.get("parameters"), Mapping):
             suffix = f"_{cause['joint']}".removesuffix("_0")
             for name, entry in cause["parameters"].items():
+                if name == FACTOR:  # says the same as the number beside it
+                    continue
                 yield from _read_estimate(effect, f"{name}{suffix}", entry)
     for name, entry in content.get("parameters", {}).items():
         yield from _read_estimate(BASE_PARAMETER, name, entry)

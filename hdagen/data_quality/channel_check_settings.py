@@ -71,7 +71,9 @@ class ChannelCheckSettings:
     )
     least_bound_share: float = declare_setting(0.05, "of the bound", "the same, beside the error of the fit")
     lost_row_ratios: tuple[float, float] = declare_setting(
-        (1.7, 3.3), "usual moves", "a row moves so far where one or two rows before it were lost"
+        (1.7, 3.3),
+        "usual moves",
+        "a row moves so far, against the rows beside it, where one or two rows before it were lost",
     )
     least_lost_share: float = declare_setting(0.003, "of the moving rows", "rows were lost from this share on")
     following_correlation: float = declare_setting(0.95, "correlation", "a position follows a reference from here")

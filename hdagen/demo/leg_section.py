@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hdagen.adoption.verdict import FACTOR
 from hdagen.arm.arrays import Array
 from hdagen.demo.leg_diagnosis import HIDDEN_EFFECT, JOINT_LABELS, LegDiagnosis
 from hdagen.model_export.mujoco_machine import MUJOCO_MISSING
@@ -117,7 +118,7 @@ def _build_cause_section(leg: LegDiagnosis) -> page.Section:
     for cause in leg.content["causes"]:
         if f"{cause['effect']}@{cause['joint']}" not in leg.content["verdict"]:
             continue
-        for name, entry in cause["parameters"].items():
+        for name, entry in ((name, entry) for name, entry in cause["parameters"].items() if name != FACTOR):
             own = leg.arm.parameters.get(f"{name}_{cause['joint']}")
             change = None if not own else f"{entry['value'] / own:.3g} times"
             label = f"{name.replace('_', ' ')}, {JOINT_LABELS[cause['joint'] - 1]}"

@@ -49,8 +49,9 @@ def write_document(name: str, numbers: RobotNumbers, step: float) -> str:
         '  <compiler angle="radian" autolimits="true"/>',
         f'  <option timestep="{write_number(step)}" integrator="RK4" gravity="{gravity} 0"/>',
         "  <default>",
-        f"    <!-- of this timestep: friction takes {FRICTION_DECAY:g} / timestep off a creeping speed -->",
-        f'    <joint solreffriction="-1 -{write_number(FRICTION_DECAY / step)}" solimpfriction="{FRICTION_IMPEDANCE}"/>',
+        f"    <!-- the second number belongs to this timestep: -{FRICTION_DECAY:g} / timestep -->",
+        f'    <joint solreffriction="-1 {write_number(-FRICTION_DECAY / step)}"'
+        f' solimpfriction="{FRICTION_IMPEDANCE}"/>',
         '    <geom contype="0" conaffinity="0" group="1"/>',
         "  </default>",
         "  <worldbody>",

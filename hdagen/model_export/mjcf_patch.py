@@ -23,7 +23,7 @@ from hdagen.model_export.xml_text import XmlElement, XmlText
 from hdagen.support.messages import join_names, join_nearest_names, show_path
 
 SAME_NUMBER = 1e-3  # relative difference up to which model and robot file have the same number
-_MOST_INCLUDED_FILES = 100
+NEEDS_GEOMETRY = "it needs geometry or another structure of the model, which --into leaves as it is"
 _ACTUATORS_WITH_OWN_FORCE = ("motor", "general")
 _JOINT_QUANTITIES = ("armature", "damping", "quadratic_damping", "frictionloss", "cable_stiffness", "cable_rest")
 _MOTOR_QUANTITIES = ("gain", "bias", "input_limit", "delay", "lag")
@@ -141,8 +141,7 @@ class _ModelPatch:
 
     def leave_out(self, change: ExportedNumber, why: str | None = None) -> None:
         """Note that a number has no place in the model."""
-        needs = why or "it needs geometry or another structure of the model, which --into leaves as it is"
-        self.left_out[change.where] = f"{change.after:.6g} {change.unit} is not in the model: {needs}."
+        self.left_out[change.where] = f"{why or NEEDS_GEOMETRY}."
 
     def read_numbers(self, joint: JointNumbers) -> dict[str, float]:
         """The numbers of a joint as MuJoCo compiled them."""

@@ -43,9 +43,9 @@ def list_number_changes(before: RobotNumbers, after: RobotNumbers) -> tuple[Expo
 
     """
     changes = []
-    for axis, old, new in zip("xy", before.gravity, after.gravity, strict=True):
-        if _differ(old, new):
-            changes.append(ExportedNumber(f"gravity_{axis}", old, new, "m/s²"))
+    for axis, level, tilted in zip("xy", before.gravity, after.gravity, strict=True):
+        if _differ(level, tilted):
+            changes.append(ExportedNumber(f"gravity_{axis}", level, tilted, "m/s²"))
     if _differ(before.payload, after.payload):
         changes.append(ExportedNumber("payload", before.payload, after.payload, "kg"))
     for old, new in zip(before.joints, after.joints, strict=True):

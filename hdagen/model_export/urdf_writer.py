@@ -44,7 +44,7 @@ def write(robot: CorrectedRobot, out: Path) -> Exported:
         if change.where == "payload" or change.where.rpartition(".")[2] in _HELD_NUMBERS:
             changes.append(change)
         else:
-            left_out[change.where] = f"{change.after:.6g} {change.unit} has no place in URDF; export mjcf or json."
+            left_out[change.where] = "it has no place in URDF; export mjcf or json."
     try:
         write_atomically(out, _write_document(robot.file.robot["name"], after).encode())
     except OSError as error:

@@ -58,7 +58,7 @@ def render_page(
     shown = "".join(figure for section in sections for figure in section.figures)
     styles, scripts = ["style.css"], list(SCRIPT_FILES)
     if time_chart.FIGURE_MARK in shown:  # the library travels only with a page that draws with it
-        styles, scripts = [*time_chart.STYLE_FILES, *styles], [*time_chart.SCRIPT_FILES, *scripts]
+        styles, scripts = [*time_chart.LIBRARY_STYLES, *styles], [*time_chart.LIBRARY_SCRIPTS, *scripts]
     style = palette.build_color_style() + "".join(_read_part(name) for name in styles)
     script = "".join(_read_part(name) for name in scripts)
     policy = (

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from hdagen.pages import frame
 from hdagen.pages.markup import build_element, escape_html
 
-MOST_ROWS = 12  # of a matrix that stands in one part
+MOST_MATRIX_ROWS = 12  # of a matrix that stands in one part
 States = Mapping[str, tuple[str, str]]  # by name: its symbol, and its words in the key
 
 
@@ -39,7 +39,7 @@ def draw_status_matrix(
         if len(cells) != len(columns) or not set(cells) <= {*states, ""}:
             raise ValueError(f"matrix {title!r}: row {name!r} needs one of {', '.join(states)} for every column")
     half = len(rows)
-    if half > MOST_ROWS:  # two parts beside each other
+    if half > MOST_MATRIX_ROWS:  # two parts beside each other
         half = (half + 1) // 2
     parts = [_build_table(columns, rows[at : at + half], states) for at in range(0, len(rows), half or 1)]
     shown = {state for _, cells in rows for state in cells}

@@ -18,11 +18,11 @@ from hdagen.pages.markup import build_element
 from hdagen.pages.palette import COLORS
 from hdagen.pages.quantity import scale_quantity
 
-KIND = "time"
-FIGURE_MARK = f'data-kind="{KIND}"'
-SCRIPT_FILES = ("uplot/uPlot.iife.min.js",)  # before the scripts of every page
-STYLE_FILES = ("uplot/uPlot.min.css",)
-MOST_ROWS = 6000  # of a channel that travel with a page: six samples in every pixel of a wide screen
+FIGURE_KIND = "time"
+FIGURE_MARK = f'data-kind="{FIGURE_KIND}"'
+LIBRARY_SCRIPTS = ("uplot/uPlot.iife.min.js",)  # before the scripts of every page
+LIBRARY_STYLES = ("uplot/uPlot.min.css",)
+MOST_KEPT_ROWS = 6000  # of a channel that travel with a page: six samples in every pixel of a wide screen
 MOST_STEPS = 65534  # of 16 bits, between the smallest and the largest value of a column; one more stands for a gap
 STILL_WORDS = "These curves are drawn by the script of this page, which did not run here."
 
@@ -67,28 +67,16 @@ def draw_time_charts(
     """
     moments = as_samples(time)
     start = float(moments[0]) if moments.size else 0.0
-    sent, clocks, shared = [], list[str](), dict[bytes, int]()
+    clocks, sent = dict[bytes, tuple[int, str]](), []
     kept = 0
     for channel in channels:
-        measured = _read_samples(title, channel, channel.measured, moments.size)
-        errors = [measured - _read_samples(title, channel, values, moments.size) for values in channel.models.values()]
-        rows = choose_rows(moments, [measured, *errors], MOST_ROWS)
+        described, rows = _describe_channel(title, channel, moments)
+        at, _ = clocks.setdefault(rows.tobytes(), (len(clocks), pack_floats(moments[rows] - start)))
+        sent.append({"clock": at, **described})
         kept = max(kept, rows.size)
-        if rows.tobytes() not in shared:
-            shared[rows.tobytes()] = len(clocks)
-            clocks.append(pack_floats(moments[rows] - start))
-        sent.append(
-            {
-                "name": channel.name,
-                "clock": shared[rows.tobytes()],
-                "measured": _describe_column(channel, measured, rows),
-                "errors": [_describe_column(channel, values, rows, errors) for values in errors],
-                "models": list(channel.models),
-            }
-        )
     data = {
         "start": start,
-        "clocks": clocks,
+        "clocks": [text for _, text in clocks.values()],
         "channels": sent,
         "bands": [[begin - start, end - start] for begin, end in bands],
         "lines": {label: [*COLORS[color], dashed] for label, (color, dashed) in colors.items()},
@@ -97,7 +85,21 @@ def draw_time_charts(
     if kept < moments.size:
         note = f"{kept} of {moments.size} samples are kept, the smallest and the largest of every stretch among them."
     still = build_element("p", STILL_WORDS, class_="still")
-    return frame.build_figure(KIND, title, still, caption=caption, note=note, data=data)
+    return frame.build_figure(FIGURE_KIND, title, still, caption=caption, note=note, data=data)
+
+
+def _describe_channel(title: str, channel: TimeChannel, moments: Array) -> tuple[dict[str, object], np.ndarray]:
+    """A channel as the script reads it, and the rows of it that travel with the page."""
+    measured = _read_samples(title, channel, channel.measured, moments.size)
+    errors = [measured - _read_samples(title, channel, values, moments.size) for values in channel.models.values()]
+    rows = choose_rows(moments, [measured, *errors], MOST_KEPT_ROWS)
+    described: dict[str, object] = {
+        "name": channel.name,
+        "measured": _describe_column(channel, measured, rows),
+        "errors": [_describe_column(channel, values, rows, errors) for values in errors],
+        "models": list(channel.models),
+    }
+    return described, rows
 
 
 def _read_samples(title: str, channel: TimeChannel, values: ArrayLike, count: int) -> Array:

@@ -13,6 +13,7 @@ from replayed import diagnosis, simulated
 from uncompiled import UncompiledArm, find_settings, load_uncompiled
 
 from gen.effects import ALL, NOMINAL_NAMES
+from gen.effects.file_numbers import FILE_NUMBERS
 from hdagen.adoption import robot_update, verdict
 from hdagen.adoption.robot_update import AdoptedRobot, adopt, describe_change
 from hdagen.arm.arm_parameters import Parameter
@@ -68,6 +69,7 @@ def sizes(name: str, arm: UncompiledArm) -> tuple[int, dict[str, dict[str, float
     }
 
 
+STATED_NUMBERS = {"motor_inertia": 1.3e-4, "mass": 4.5, "center_of_mass": 0.12, "inertia": 0.08}  # of the rigid robot
 BEYOND_ALL_STEPS = {"viscous_friction", "contact"}  # at the upper ends: 1e6 N m s/rad, and 1e5 N m/rad times 20 s
 
 
@@ -90,6 +92,17 @@ def test_all_effects_of_a_drive_can_be_adopted_together(text: str, uncompiled: N
     for joint, sized in found.values():
         check_adopted(sized["usual"], new, joint)
     assert len(names) > 10
+
+
+@pytest.mark.parametrize("number", [one.name for one in FILE_NUMBERS if one.name in STATED_NUMBERS])
+def test_a_number_that_the_verdict_calls_wrong_is_written_as_found(
+    number: str, uncompiled: None, tmp_path: Path
+) -> None:
+    (tmp_path / "robot.toml").write_text(RIGID)
+    before = STATED_NUMBERS[number]
+    wrong = cause(number, 1, **{number: 1.8 * before, "factor": 1.8})
+    written = adopt(named(wrong), tmp_path / "robot.toml", None)
+    assert [(change.before, change.after) for change in written.changes] == [(before, pytest.approx(1.8 * before))]
 
 
 @pytest.mark.campaign

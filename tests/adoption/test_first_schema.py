@@ -16,7 +16,7 @@ from hdagen.adoption.diagnosis_schema import RENAMED_KEYS, RENAMED_METHOD_KEYS, 
 from hdagen.adoption.robot_update import adopt
 from hdagen.adoption.verdict import read_verdict
 from hdagen.diagnosis.data.held_out_rows import count_rows
-from hdagen.fleet.fleet_diagnosis import _read_diagnosis
+from hdagen.fleet.machine_task import is_machine_row, summarize_diagnosis
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import Replay
 
@@ -67,9 +67,5 @@ def test_its_rows_are_counted() -> None:
     assert "2 of 4 rows" in counted.notes[-1]
 
 
-def test_a_fleet_goes_on_with_it(tmp_path: Path) -> None:
-    (tmp_path / "diagnosis.json").write_text(STORED.read_text(encoding="utf-8"), encoding="utf-8")
-    assert _read_diagnosis(tmp_path)["direct_evidence"] == FIRST["alone"]
-    (tmp_path / "diagnosis.json").write_text(json.dumps(FIRST | {"schema": 3}), encoding="utf-8")
-    with pytest.raises(ValueError, match="is no diagnosis of schema 2"):
-        _read_diagnosis(tmp_path)
+def test_a_fleet_takes_its_row_from_it() -> None:
+    assert is_machine_row(summarize_diagnosis(read_content(STORED)))

@@ -337,17 +337,17 @@ def test_seed_and_labels_stay_with_the_process_that_sealed_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Neither a file, nor what the diagnosis sees, nor a byte that goes to a worker has the seed or a label."""
-    from distributed.comm import utils
+    from distributed import protocol
+    from distributed.protocol.core import dumps
 
     sent: list[bytes] = []
-    dumps = utils.protocol.dumps
 
     def note(*arguments: object, **more: object) -> list[bytes]:
         frames: list[bytes] = dumps(*arguments, **more)
         sent.extend(bytes(frame) for frame in frames)
         return frames
 
-    monkeypatch.setattr(utils.protocol, "dumps", note)
+    monkeypatch.setattr(protocol, "dumps", note)
     program, seen, out = tmp_path / "hdagen.py", tmp_path / "seen", tmp_path / "out"
     program.write_text(STAND_IN.format(seen=str(seen)))
     command = (sys.executable, str(program))

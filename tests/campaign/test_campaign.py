@@ -148,18 +148,17 @@ def test_nothing_but_the_tasks_own_inputs_leaves_this_process(
     workers: TaskRunner, store: ResultStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every byte that the client serializes for the cluster is looked at."""
-    from distributed import core
-    from distributed.comm import utils
+    from distributed import core, protocol
+    from distributed.protocol.core import dumps
 
     sent: list[bytes] = []
-    dumps = utils.protocol.dumps
 
     def note(*arguments: object, **more: object) -> list[bytes]:
         frames: list[bytes] = dumps(*arguments, **more)
         sent.extend(bytes(frame) for frame in frames)
         return frames
 
-    monkeypatch.setattr(utils.protocol, "dumps", note)
+    monkeypatch.setattr(protocol, "dumps", note)
     assert core is not None
     secret = "the name of a task stays here"
     (tmp_path / "log.csv").write_text("a word of the log")

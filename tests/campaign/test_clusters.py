@@ -255,7 +255,7 @@ def check_nothing_is_half(out: Path) -> None:
 
 
 def test_a_killed_worker_costs_nothing(site: Site, store: ResultStore) -> None:
-    killed = []
+    killed: list[str] = []
 
     def kill(words: str) -> None:
         if "done" in words and not killed:

@@ -330,6 +330,7 @@ STILL = {  # limits within which the joint rests, and the one that the sentence 
 }
 
 
+@pytest.mark.usefixtures("level")  # its build is at hand
 @pytest.mark.parametrize("limit", STILL)
 def test_limits_within_which_nothing_is_seen_to_move_are_refused_before_the_model_is_made(
     level_file: Path,

@@ -118,7 +118,14 @@ def test_ten_thousand_machines_of_which_three_are_wrong_are_told_at_once(tmp_pat
 def test_rows_that_are_not_whole_are_not_taken() -> None:
     row = summarize_diagnosis(make_diagnosis(["payload@2"]))
     assert is_machine_row(row)
-    broken = [{"gap": {}}, {"sure": 1}, {"verdict": "payload@2"}, {"parameters": {"a": [1.0]}}, {"probability": "x"},
-              {"causes": [{"effect": "a", "joint": -1, "probability": 0.5}]}, {"robot_name": 3}]  # fmt: skip
+    broken: list[dict[str, object]] = [
+        {"gap": {}},
+        {"sure": 1},
+        {"verdict": "payload@2"},
+        {"parameters": {"a": [1.0]}},
+        {"probability": "x"},
+        {"causes": [{"effect": "a", "joint": -1, "probability": 0.5}]},
+        {"robot_name": 3},
+    ]
     assert [is_machine_row(row | change) for change in broken] == [False] * len(broken)
     assert not any(is_machine_row({key: value for key, value in row.items() if key != name}) for name in row)

@@ -96,6 +96,20 @@ def test_what_only_one_names_is_said() -> None:
     assert (found.effects[0].first_probability or 0.0) < 1e-3 and found.effects[0].second_probability == 0.9
 
 
+def test_a_number_that_is_wrong_counts_once() -> None:
+    def name_mass(document: dict[str, Any]) -> None:
+        estimates = {
+            "mass": {"value": 0.8, "std": 0.01, "unit": "kg"},
+            "factor": {"value": 1.5, "std": 0.02, "unit": "1"},
+        }
+        cause = {"effect": "mass", "joint": 1, "probability": 0.9, "parameters": estimates}
+        document["causes"].append(cause)
+        document["verdict"] = ["mass@1"]
+
+    found = compare_contents(changed(name_mass), changed(name_mass))
+    assert [one.name for one in found.parameters if one.effect == "mass@1"] == ["mass_1"]
+
+
 def test_what_limits_the_comparison_is_said() -> None:
     def record_anew(document: dict[str, Any]) -> None:
         document["data"]["log"] = "another.csv"

@@ -227,3 +227,23 @@ def test_a_place_that_is_taken_or_read_only_is_refused(export: Export, monkeypat
 
     monkeypatch.setattr("os.replace", fail)
     assert "cannot be written" in refuse(export, "mjcf", "leg.toml", *WITH)
+
+
+@pytest.mark.campaign
+def test_three_commands_lead_from_the_log_to_a_proved_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing typed but names of files: diagnose, export into the user's model, proof in closed loop."""
+    leg.write_leg(tmp_path, (8.0, 4.0))
+    monkeypatch.chdir(tmp_path)
+    found = ("--with", "diagnosis/diagnosis.json")
+    assert main(["diagnose", "leg.toml", "log.parquet", "--hold-out", "held.parquet", "--out", "diagnosis"]) == 0
+    assert main(["export", "mjcf", "leg.toml", *found, *INTO, "--out", "new.xml"]) == 0
+    capsys.readouterr()
+    last = ("--out", "proved.xml", "--json")
+    assert main(["export", "mjcf", "leg.toml", *found, *INTO, *PROVE, *LOOP, *last]) == 0
+    proof = json.loads(capsys.readouterr().out)["proof"]
+    assert Path("proved.xml").read_bytes() == Path("new.xml").read_bytes()
+    before = [one["mujoco_before"] for one in proof["channels"]]
+    after = [one["mujoco_after"] for one in proof["channels"]]
+    assert max(before) > 5e-3 and max(after) <= MOST_ERROR, (before, after)

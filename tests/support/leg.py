@@ -53,7 +53,8 @@ name = "leg"
 gravity = [9.81, 0.0]
 step = 0.0005
 
-[[joint]] # hip
+[[joint]]
+name = "hip"
 length = 0.3
 mass = {{value = 1.5, tolerance = 0.02}}
 center_of_mass = {{value = 0.12, tolerance = 0.02}}
@@ -69,7 +70,8 @@ torque = 25.0
 [joint.sensor]
 joint_encoder_resolution = {count}
 
-[[joint]] # knee
+[[joint]]
+name = "knee"
 length = 0.3
 mass = {{value = 0.6, tolerance = 0.02}}
 center_of_mass = {{value = 0.14, tolerance = 0.02}}
@@ -96,7 +98,7 @@ def write_model(numbers: dict[str, tuple[float, float]], step: float, delay: flo
     return MODEL.format(step=step, hip=joints[0], knee=joints[1], delay=late)
 
 
-def write_robot(trust: float = 1.0) -> str:
+def write_robot(trust: float = 3.0) -> str:
     """The text of the leg's robot.toml."""
     return ROBOT.format(trust=trust, count=repr(RESOLUTION))
 
@@ -163,7 +165,7 @@ def describe_truth(identity: str | None = None) -> dict[str, Any]:
     return content
 
 
-def write_leg(folder: Path, seconds: tuple[float, float] = (12.0, 6.0), trust: float = 1.0) -> None:
+def write_leg(folder: Path, seconds: tuple[float, float] = (12.0, 6.0), trust: float = 3.0) -> None:
     """The files that the user of the leg has: leg.xml, leg.toml, log.parquet, held.parquet and controller.toml,
     and a diagnosis.json that states the truth."""
     (folder / "leg.xml").write_text(write_model({"frictionloss": STATED["frictionloss"]}, 0.001), encoding="utf-8")

@@ -41,7 +41,6 @@ from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import read, write
 from hdagen.mpc.configuration import read_configuration
 from hdagen.prediction.closed_loop_replay import read_controller
-from hdagen.support.input_file import InputFileError
 
 SLOWEST = 20.0  # s
 MOST_MEMORY = 2 << 30  # bytes

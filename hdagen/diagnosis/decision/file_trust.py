@@ -62,5 +62,5 @@ def describe_factor(
     std = None
     if found["std"] is not None:
         std = found["std"] / abs(q.stated)
-    factor = {"value": q.compute_factor(found["value"]), "std": std, "unit": "1", "end": found["end"]}
+    factor = {"value": q.compute_factor(found["value"]), "std": std, "unit": "1", "end": None}
     return {FACTOR: factor | {"prior": q.tolerance * abs(q.nominal / q.stated), "file": q.stated}}

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from hdagen.diagnosis.report.effect_words import CHANNEL_UNITS, format_change, format_values, name_channel
+from hdagen.diagnosis.report.report_settings import REPORT
 from hdagen.log.column_map import COLUMN_UNITS
 from hdagen.pages.number_table import draw_table
 from hdagen.pages.page import Section
 
-LEAST_TOLD_JITTER = 1e-9  # s; below it a stamp's own rounding shows
-LEAST_NOISE_SHARE = 1e-9  # of the range; what is computed has less
-LINES = (
+DATA_LINES = (
     ("Not logged", "missing"),
     ("Warning", "warnings"),
     ("Noticed", "noticed"),
@@ -33,7 +32,7 @@ def show_data(content: dict[str, Any]) -> Section:
     data = content["data"]
     said = [f"{data['duration']:.3g} s at {data['rate']:.5g} Hz; {_say_rows(data)}."]
     said += [f"Repaired: {one['what']}" for one in data.get("repaired", ())]
-    for heading, key in LINES:
+    for heading, key in DATA_LINES:
         said += [f"{heading}: {line}" for line in data.get(key, ())]
     figures = []
     if channels := data.get("channels"):
@@ -47,7 +46,7 @@ def _say_rows(data: dict[str, Any]) -> str:
     """Lost rows, gaps, and the jitter of the stamps."""
     jitter = float(data.get("jitter", 0.0))
     even = "evenly stamped"
-    if jitter >= LEAST_TOLD_JITTER:
+    if jitter >= REPORT.least_told_jitter:
         (value,), unit = format_values([jitter], "s", 2)
         even = f"stamps jitter by {value} {unit}, {100 * jitter * data['rate']:.2g} % of a period"
     return f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, {even}"
@@ -61,7 +60,7 @@ def _describe_channel(name: str, one: dict[str, float], content: dict[str, Any])
     base = known.get("unit") or CHANNEL_UNITS.get(quantity) or next(iter(units))
     lag = content["data"].get("lags", {}).get(name)
     late = None if lag is None else _write_size(lag, "s")
-    noise = one["noise"] if one["noise"] > LEAST_NOISE_SHARE * (one["high"] - one["low"]) else 0.0
+    noise = one["noise"] if one["noise"] > REPORT.least_noise_share * (one["high"] - one["low"]) else 0.0
     low, high, spread, step = (_write_size(value, base) for value in (one["low"], one["high"], noise, one["step"]))
     channel = name_channel(name, content.get("joints", ()))
     return [channel, low, high, spread if noise else None, step if one["step"] else None, late]

@@ -8,18 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from hdagen.adoption.verdict import FACTOR
+from hdagen.diagnosis.report.report_settings import REPORT
 from hdagen.pages.quantity import Quantity, format_fixed, format_number, scale_quantity
 
 JointNames = Sequence[str | None]
 CHANNEL_UNITS = {"motor_position": "rad", "joint_position": "rad", "motor_current": "A", "motor_torque": "N m"}
 COMMAND_GAIN = "torque_constant"  # the number of a robot file by which commands act
-TIMES_FROM = 1.25  # a ratio from which a number is wrong by times, below it by percent
-HARDLY_THERE = 0.02  # of the file's number, below which the log hardly has it
-MOST_NAMED_SIZES = 2  # of one effect, in a sentence
 NAMES_OF_PEOPLE = ("coulomb", "stribeck")
-LARGEST_NUMBER = 1e3  # beside which a small one is still written in the same unit
-VALUE_DIGITS = 3  # significant digits of a value without a standard deviation
-MOST_DIGITS = 5  # of any value
 
 
 @dataclass(frozen=True)
@@ -155,7 +150,7 @@ def find_channel_unit(name: str, channel: Mapping[str, Any]) -> str:
     return str(channel.get("unit") or CHANNEL_UNITS.get(name.rpartition("_")[0], ""))
 
 
-def format_values(values: Sequence[float], unit: str, digits: int = VALUE_DIGITS) -> tuple[list[str], str]:
+def format_values(values: Sequence[float], unit: str, digits: int = REPORT.value_digits) -> tuple[list[str], str]:
     """Format values of one quantity with one prefix of their unit.
 
     Args:
@@ -169,10 +164,10 @@ def format_values(values: Sequence[float], unit: str, digits: int = VALUE_DIGITS
     """
     sizes = [abs(v) for v in values if math.isfinite(v) and v] or [0.0]
     told = min(sizes)
-    if max(sizes) > LARGEST_NUMBER * told:
+    if max(sizes) > REPORT.largest_shared_ratio * told:
         told = max(sizes)
     scaled = _scale_unit(unit, told)
-    if max(sizes) * scaled.factor >= LARGEST_NUMBER:
+    if max(sizes) * scaled.factor >= REPORT.largest_shared_ratio:
         scaled = _scale_unit(unit, max(sizes))
     return [format_number(float(f"{v * scaled.factor:.{digits}g}"), digits) for v in values], scaled.unit
 
@@ -191,7 +186,7 @@ def format_change(before: float, after: float, unit: str, between: str = " → "
 
     """
     sizes = sorted((abs(before), abs(after)))
-    if 0 < sizes[0] * LARGEST_NUMBER < sizes[1]:
+    if 0 < sizes[0] * REPORT.largest_shared_ratio < sizes[1]:
         each = [format_values([value], unit) for value in (before, after)]
         return between.join(f"{texts[0]} {written}".rstrip() for texts, written in each)
     (first, second), written = format_values([before, after], unit)
@@ -214,12 +209,12 @@ def format_estimate(change: SizeChange) -> tuple[str, str, str, str]:
         file = format_number(change.file * scaled.factor, 4)
     value = change.value * scaled.factor
     if not change.std or value == 0:
-        return file, format_number(value, VALUE_DIGITS), "", scaled.unit
+        return file, format_number(value, REPORT.value_digits), "", scaled.unit
     std = change.std * scaled.factor
     decimals = max(1 - math.floor(math.log10(std)), 0)
-    if decimals + math.floor(math.log10(abs(value))) < MOST_DIGITS:
+    if decimals + math.floor(math.log10(abs(value))) < REPORT.most_digits:
         return file, format_fixed(value, decimals), format_fixed(std, decimals), scaled.unit
-    return file, format_number(value, MOST_DIGITS), format_number(std, 2), scaled.unit
+    return file, format_number(value, REPORT.most_digits), format_number(std, 2), scaled.unit
 
 
 def _scale_unit(unit: str, largest: float) -> Quantity:
@@ -291,7 +286,7 @@ def say_effect(entry: str, content: Mapping[str, Any], *, with_sizes: bool = Tru
         return f"{name} is missing in the model{numbers}"
     one, ratio = sizes[0], sizes[0].value / (sizes[0].file or math.nan)
     if one.name == COMMAND_GAIN and not _logs_current(content):
-        times = f"{format_number(ratio, VALUE_DIGITS)} times as strongly as the file says"
+        times = f"{format_number(ratio, REPORT.value_digits)} times as strongly as the file says"
         return f"commands act on {name_joint(int(joint), joints)} {times}{numbers}"
     return f"{name} is {_say_ratio(ratio)}{numbers}"
 
@@ -303,13 +298,13 @@ def _logs_current(content: Mapping[str, Any]) -> bool:
 
 def _say_ratio(ratio: float) -> str:
     """The found value over the file's, in words."""
-    if ratio < -HARDLY_THERE:
+    if ratio < -REPORT.least_file_share:
         return "of the other sign in the file"
-    if ratio < HARDLY_THERE:
+    if ratio < REPORT.least_file_share:
         return "in the file, and the log has hardly any of it"
-    if ratio >= TIMES_FROM:
+    if ratio >= REPORT.least_told_ratio:
         return f"too small in the file by {format_number(ratio, 2)} times"
-    if ratio <= 1 / TIMES_FROM:
+    if ratio <= 1 / REPORT.least_told_ratio:
         return f"too large in the file by {format_number(1 / ratio, 2)} times"
     if ratio >= 1:
         return f"too small in the file by {100 * (ratio - 1):.2g} %"
@@ -319,7 +314,7 @@ def _say_ratio(ratio: float) -> str:
 def _say_sizes(sizes: Sequence[SizeChange]) -> str:
     """The numbers of an effect in brackets: in the file and found, with unit."""
     said = []
-    for one in sizes[:MOST_NAMED_SIZES]:
+    for one in sizes[: REPORT.most_named_sizes]:
         file, value, std, unit = format_estimate(one)
         found = f"{value} ± {std}" if std else value
         words = "found"

@@ -6,11 +6,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from hdagen.adoption.verdict import is_uninformed
+from hdagen.adoption.verdict import FACTOR, is_uninformed
 from hdagen.arm.arm_parameters import Parameter, Parameters
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.report.effect_words import (
-    TIMES_FROM,
     JointNames,
     SizeChange,
     format_estimate,
@@ -101,7 +100,7 @@ def list_found_numbers(content: Mapping[str, Any], parameters: Parameters) -> It
     for cause in content["causes"]:
         if f"{cause['effect']}@{cause['joint']}" in named:
             suffix = f"_{cause['joint']}" if cause["joint"] else ""
-            for name, one in cause["parameters"].items():
+            for name, one in ((name, one) for name, one in cause["parameters"].items() if name != FACTOR):
                 yield _read_number(parameters, name + suffix, one, is_of_effect=True)
     for name, one in content["parameters"].items():
         yield _read_number(parameters, name, one, is_of_effect=False)
@@ -140,9 +139,9 @@ def _say_change(one: FoundNumber) -> str:
         return "new" if one.change.value and one.is_of_effect else "–"
     if ratio <= 0 or one.change.file is None:
         return "other sign" if ratio < 0 else "none found"
-    if ratio >= TIMES_FROM:
+    if ratio >= REPORT.least_told_ratio:
         return f"× {format_number(ratio, 2)}"
-    if ratio <= 1 / TIMES_FROM:
+    if ratio <= 1 / REPORT.least_told_ratio:
         return f"÷ {format_number(1 / ratio, 2)}"
     percent = 100 * (ratio - 1)
     if abs(percent) < 0.05:

@@ -37,6 +37,21 @@ class ReportSettings:
     notable_gap_share: float = declare_setting(
         0.75, "of the gap that is left", "an effect within tolerance must bring it below this to be spoken of"
     )
+    least_told_ratio: float = declare_setting(
+        1.25, "ratio of found and file", "a number is wrong by times from it on, by percent below it"
+    )
+    least_file_share: float = declare_setting(0.02, "of the file's number", "below it the log has hardly any of it")
+    most_named_sizes: int = declare_setting(2, "sizes", "sizes of one effect in a sentence")
+    most_sized_effects: int = declare_setting(2, "effects", "effects that are named with their numbers")
+    largest_shared_ratio: float = declare_setting(
+        1000.0, "ratio of two values", "beyond it each of two values has a prefix of its own"
+    )
+    value_digits: int = declare_setting(3, "digits", "significant digits of a value without a standard deviation")
+    most_digits: int = declare_setting(5, "digits", "significant digits of any value")
+    least_told_jitter: float = declare_setting(1e-9, "s", "below it only the rounding of stamps shows")
+    least_noise_share: float = declare_setting(
+        1e-9, "of a channel's range", "a channel with less noise was computed, and its noise is not printed"
+    )
     notable_move: float = declare_setting(
         1.0, "standard deviations before the log", "a number of the file that moved further is on the first screen"
     )

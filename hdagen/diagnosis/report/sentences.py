@@ -23,8 +23,6 @@ from hdagen.diagnosis.report.number_sentences import (
 from hdagen.diagnosis.report.report_settings import REPORT
 from hdagen.pages.quantity import format_number
 
-MOST_SIZED_EFFECTS = 2  # named with their numbers; of more the factors alone
-
 
 def write_verdict(content: dict[str, Any]) -> str:
     """Write the verdict as sentences: its effects, how sure it is, the gap, and remarks.
@@ -60,7 +58,7 @@ def write_headline(content: dict[str, Any]) -> str:
         return _say_no_effect(content)
     if not named:
         return f"{_say_joints(content, verdict)} something that no known effect explains"
-    each = [say_effect(entry, content, with_sizes=len(named) <= MOST_SIZED_EFFECTS) for entry in named]
+    each = [say_effect(entry, content, with_sizes=len(named) <= REPORT.most_sized_effects) for entry in named]
     said = ", and ".join(part for part in (", ".join(each[:-1]), each[-1]) if part)
     return f"{said[0].upper()}{said[1:]}"
 

@@ -12,7 +12,7 @@ from hdagen.pages.page import Section
 from hdagen.pages.time_chart import TimeChannel, draw_time_charts
 from hdagen.prediction.window_replay import REPLAY_WINDOW, Replay
 
-LINES = {
+SIGNAL_LINES = {
     "measured": ("grey", False),
     "before": (REPLAY_COLORS["before"], True),
     "after": (REPLAY_COLORS["after"], False),
@@ -58,5 +58,5 @@ def show_signals(content: Mapping[str, Any], held: LogPortion, before: Replay, a
     return Section(
         "Measured against model",
         "",
-        [draw_time_charts("All channels over time", log.time, channels, LINES, bands=blocks, caption=caption)],
+        [draw_time_charts("All channels over time", log.time, channels, SIGNAL_LINES, bands=blocks, caption=caption)],
     )

@@ -54,7 +54,7 @@ from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import Replay, replay
 
 Builder = Callable[..., Compiled]
-NAMES = tuple(one.name for one in (*ALL, *FILE_NUMBERS))
+NAMES = (*(one.name for one in ALL), *(one.name for one in FILE_NUMBERS))
 TRUTHS = {  # what is put into a log, as name@joint, and in which words its regime must be named
     "coulomb_friction@2": ({"coulomb_friction": 0.045}, "motor's speed"),
     "stribeck_friction@2": ({"stribeck_torque": 0.02, "stribeck_speed": 5.0}, "motor's speed"),

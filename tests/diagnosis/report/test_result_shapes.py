@@ -24,6 +24,7 @@ from gen.effects import ALL
 from hdagen.adoption import verdict
 from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.compiled_arm import Arm
+from hdagen.campaign.task import Outcome, Status
 from hdagen.diagnosis.data.gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion, mark_holdout_blocks
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, add_direct_evidence
@@ -38,8 +39,9 @@ from hdagen.diagnosis.report.sentences import write_verdict
 from hdagen.diagnosis.residuals.localization import localize_gap
 from hdagen.diagnosis.residuals.residual_torque import see_residual_torque
 from hdagen.fleet import fleet_page
-from hdagen.fleet.fleet_diagnosis import MachineResult, Status, summarize_fleet
+from hdagen.fleet.fleet_diagnosis import MachineResult, summarize_fleet
 from hdagen.fleet.fleet_file import FleetMachine
+from hdagen.fleet.machine_task import summarize_diagnosis
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 
@@ -134,8 +136,8 @@ def test_what_was_read_off_and_withdrawn_leaves_no_gap() -> None:
 def test_a_fleet_is_told_of_every_result(tmp_path: Path) -> None:
     shapes = [content(said, sets) for said in VERDICTS for sets in SETS] + [content([], [[]], causes=[])]
     machine = FleetMachine("one", "paper", Path("log.csv"), None, None)
-    results = [MachineResult(machine, Status.DIAGNOSED, diagnosis=shape) for shape in shapes]
-    others = [MachineResult(machine, status) for status in Status if status is not Status.DIAGNOSED]
+    results = [MachineResult(machine, Outcome(Status.DONE, summarize_diagnosis(shape))) for shape in shapes]
+    others = [MachineResult(machine, Outcome(status)) for status in Status if status is not Status.DONE]
     for some in ([], others, results[-1:], results + others, *([one] for one in results)):
         assert fleet_page.format_fleet_verdict(some)
         json.dumps(summarize_fleet(some), allow_nan=False)
