@@ -20,6 +20,7 @@ from gen.model import harmonic_drive as drive
 from gen.model.drive_equations import DriveOutputs, DriveSymbols, write_drive_equations
 from gen.model.model_quantities import list_inputs, list_quantities, list_states, memory_step_quantity
 from gen.model.robot_chain import make_chain
+from gen.model.symmetric_matrices import solve_symmetric
 from gen.robot.description import Robot
 
 SX = ca.SX
@@ -372,45 +373,3 @@ class Model:
         chain = self.chain_parameters()
         field, wrench = self.chain.gravity(chain), ca.vertsplit(self.wrench)
         return load - self.chain.newton_euler(self.q, self.v, accelerations, chain, field, wrench, trig)
-
-
-def solve_symmetric(M: Any, b: Any) -> Any:
-    """Solve M a = b by the factors L D Lᵀ, unrolled.
-
-    Args:
-        M: Symmetric positive definite matrix (n × n).
-        b: Right-hand side (n).
-
-    Returns:
-        The solution a (n).
-
-    """
-    n = M.shape[0]
-    L, D = SX.eye(n), [SX(0)] * n
-    for j in range(n):
-        D[j] = M[j, j] - sum(L[j, k] * L[j, k] * D[k] for k in range(j))
-        for i in range(j + 1, n):
-            L[i, j] = (M[i, j] - sum(L[i, k] * L[j, k] * D[k] for k in range(j))) / D[j]
-    y: list[Any] = []
-    for i in range(n):
-        y.append(b[i] - sum(L[i, k] * y[k] for k in range(i)))
-    a: list[Any] = [None] * n
-    for i in reversed(range(n)):
-        a[i] = y[i] / D[i] - sum(L[k, i] * a[k] for k in range(i + 1, n))
-    return ca.vertcat(*a)
-
-
-def invert_symmetric(M: Any) -> Any:
-    """Invert a matrix by the factors L D Lᵀ, unrolled.
-
-    Args:
-        M: Symmetric positive definite matrix (n × n).
-
-    Returns:
-        The inverse (n × n).
-
-    """
-    n = M.shape[0]
-    columns = ca.horzcat(*(solve_symmetric(M, SX.eye(n)[:, k]) for k in range(n)))
-    upper = [[columns[min(i, k), max(i, k)] for k in range(n)] for i in range(n)]
-    return ca.vertcat(*(ca.horzcat(*row) for row in upper))

@@ -17,8 +17,9 @@ from typing import Any
 import casadi as ca
 
 from gen.effects.effect import Parameter
-from gen.model.arm_model import Model, solve_symmetric
+from gen.model.arm_model import Model
 from gen.model.control_loop import ControlLoop, Law
+from gen.model.symmetric_matrices import solve_symmetric
 
 SX = ca.SX
 SQUARINGS, TAYLOR = 50, 6  # of `held_force`: h B/M up to 1e14, the most that the gains' bounds allow, becomes 0.1

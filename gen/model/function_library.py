@@ -8,11 +8,12 @@ from typing import Any
 import casadi as ca
 
 from gen.model import torque_estimate
-from gen.model.arm_model import Model, solve_symmetric
+from gen.model.arm_model import Model
 from gen.model.compliance_laws import make_laws
 from gen.model.control_loop import Law
 from gen.model.emitted_function import EmittedFunction, make_dense_function
 from gen.model.right_hand_side import Graphs, assemble_graphs
+from gen.model.symmetric_matrices import solve_symmetric
 
 SX = ca.SX
 

@@ -20,8 +20,8 @@ from compiled import Floats
 from graphs import assembled
 
 from gen.builder.build_files import count_operations
-from gen.model.arm_model import solve_symmetric
 from gen.model.robot_chain import make_chain
+from gen.model.symmetric_matrices import solve_symmetric
 from gen.robot.load_robot import from_table
 from gen.robot.model_parameters import list_parameters
 from hdagen.model_import.chain_reduction import ChainRequest
