@@ -194,6 +194,15 @@ def build_robot(
     return folder, True
 
 
+def _load_robot(source: str, mpc: Structure | None) -> Robot:
+    """The robot. Raises BuildError where it moves in space and is to have the predictive controller."""
+    robot = load(source)
+    if mpc and robot.in_space:
+        possible = "possible with --mpc are arms in the plane; leave it out"
+        raise BuildError(f"{source}: its joints stand in space, {possible}.")
+    return robot
+
+
 def assemble_library(
     source: str, robot: Robot, extra: tuple[str, ...]
 ) -> tuple[Library, tuple[Effect, ...], StepExamination]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import casadi as ca
 
-from gen.model.kinematic_chain import Body, KinematicChain, Parameters, SinesAndCosines
+from gen.model.kinematic_chain import Body, ChainLink, KinematicChain, Parameters, SinesAndCosines
 from gen.model.spatial_vectors import (
     IDENTITY,
     NO_INERTIA,
@@ -87,15 +87,9 @@ class ChainDynamics(KinematicChain):
         torques: list[Any] = []
         for j in reversed(range(self.n)):
             push, turn = add_vectors(push, pulls[j][0]), add_vectors(turn, pulls[j][1])
-            torques.append(self._along_joint(j, push, turn))
+            torques.append(_along_joint(self.links[j], push, turn))
             push, turn = self._carry_wrench(j, trig, push, turn, self.offset_to_frame(j, q, p))
         return ca.vertcat(*reversed(torques))
-
-    def _along_joint(self, j: int, force: Vector, moment: Vector) -> Any:
-        """The component of a force and a moment in a joint's frame that the joint feels."""
-        if self.is_prismatic(j):
-            return force[0]
-        return moment[2]
 
     def _carry_wrench(
         self, j: int, trig: SinesAndCosines, force: Vector, moment: Vector, offset: Vector
@@ -128,10 +122,10 @@ class ChainDynamics(KinematicChain):
             moment: Vector = (inertia[4], inertia[5], inertia[2])
             if self.is_prismatic(j):
                 force, moment = (outboard.mass, 0, 0), (0, h[2], subtract_terms(0, h[1]))
-            M[j, j] = self._along_joint(j, force, moment)
+            M[j, j] = _along_joint(self.links[j], force, moment)
             for k in reversed(range(j)):
                 force, moment = self._carry_wrench(k + 1, trig, force, moment, self.offset_to_frame(k + 1, q, p))
-                M[k, j] = M[j, k] = self._along_joint(k, force, moment)
+                M[k, j] = M[j, k] = _along_joint(self.links[k], force, moment)
             if j > 0:
                 outboard = self._carry_body(j, trig, outboard, self.offset_to_frame(j, q, p))
         return M
@@ -237,6 +231,13 @@ def _turn_about_z(angle: Any, a: Vector) -> Vector:
     s, c = ca.sin(angle), ca.cos(angle)
     x = subtract_terms(multiply_terms(a[0], c), multiply_terms(a[1], s))
     return (x, add_terms(multiply_terms(a[0], s), multiply_terms(a[1], c)), a[2])
+
+
+def _along_joint(link: ChainLink, force: Vector, moment: Vector) -> Any:
+    """The component of a force and a moment in a joint's frame that the joint feels."""
+    if link.kind == "prismatic":
+        return force[0]
+    return moment[2]
 
 
 def _fill_vector(parts: Sequence[Any]) -> Vector:

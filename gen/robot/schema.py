@@ -1,7 +1,7 @@
 """The keys of robot.toml in one table, from which the checks (`gen.robot.value_reader`, `gen.robot.load_robot`) and
 docs/reference/robot_toml.md are made.
 
-`python -m gen.robot.schema` prints docs/reference/robot_toml.md.
+`python -m gen.robot.schema_document` prints docs/reference/robot_toml.md.
 """
 
 from __future__ import annotations
@@ -296,9 +296,3 @@ def describe_form(key: Key) -> str:
     if key.lengths:
         return "list of " + " or ".join(LENGTH_WORDS[length] for length in key.lengths) + " numbers"
     return key.kind.value
-
-
-if __name__ == "__main__":
-    from gen.robot.schema_document import write_document
-
-    print(write_document(), end="")

@@ -1,4 +1,7 @@
-"""The page docs/reference/robot_toml.md, made from the table of keys in `gen.robot.schema`."""
+"""The page docs/reference/robot_toml.md, made from the table of keys in `gen.robot.schema`.
+
+`python -m gen.robot.schema_document` prints it.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from gen.robot.trust import SOURCES
 
 INTRODUCTION = """# robot.toml
 
-`python -m gen.robot.schema` prints this page from the table in `gen/robot/schema.py`.
+`python -m gen.robot.schema_document` prints this page from the table in `gen/robot/schema.py`.
 [bring_your_robot.md](../guides/bring_your_robot.md) shows how to write a file.
 
 Values are in SI units, angles in rad. The `[[joint]]` tables stand base first, at most {joints}, and count from 1.
@@ -121,3 +124,7 @@ def _default_text(key: Key) -> str:
     if isinstance(key.default, tuple):
         return f"[{', '.join(f'{entry:g}' for entry in key.default)}]"
     return f"{key.default}".lower()
+
+
+if __name__ == "__main__":
+    print(write_document(), end="")

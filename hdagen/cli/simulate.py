@@ -140,7 +140,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _make_path(options: argparse.Namespace, arm: Arm, period: float) -> Reference:
-    from hdagen.control.joint_motion import swing_joints
+    from hdagen.control.joint_swing import swing_joints
     from hdagen.control.reference_motion import circle
 
     if arm.moves_in_space:

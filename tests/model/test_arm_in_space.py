@@ -17,7 +17,7 @@ from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.control.guard_limits import Guard, Safe
 from hdagen.control.guarded_controller import Controller
-from hdagen.control.joint_motion import swing_joints
+from hdagen.control.joint_swing import swing_joints
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push, SpacePush, run
 

@@ -273,7 +273,7 @@ def test_canonical_is_json_and_knows_no_place() -> None:
 
 def test_the_reference_is_current() -> None:
     assert (ROOT / "docs/reference/robot_toml.md").read_text(encoding="utf-8") == write_document(), (
-        "python -m gen.robot.schema > docs/reference/robot_toml.md"
+        "python -m gen.robot.schema_document > docs/reference/robot_toml.md"
     )
 
 
