@@ -22,7 +22,7 @@ from hdagen.log.measured_log import read
 
 LONGEST_DIAGNOSIS = 600.0  # s
 _SMALLEST_ERROR = 1e-3  # multiple of the noise; a smaller error counts as this, as in docs/method/prediction.md
-_ROBOT, _LOG, _HOLD_OUT, _DIAGNOSIS = "robot.toml", "log.parquet", "hold_out.parquet", "diagnosis.json"
+_ROBOT_FILE, _LOG, _HOLD_OUT, _DIAGNOSIS = "robot.toml", "log.parquet", "hold_out.parquet", "diagnosis.json"
 
 
 def make_diagnosis_task(folder: Path, name: str, program: Sequence[str]) -> Task:
@@ -37,7 +37,7 @@ def make_diagnosis_task(folder: Path, name: str, program: Sequence[str]) -> Task
         The task.
 
     """
-    files = {name: TaskFile(folder / name, name) for name in (_ROBOT, _LOG)}
+    files = {name: TaskFile(folder / name, name) for name in (_ROBOT_FILE, _LOG)}
     return Task(name, diagnose_case, {"program": list(program)}, files)
 
 
@@ -54,7 +54,7 @@ def make_gap_task(folder: Path, name: str, noise: Mapping[str, float], program: 
         The task.
 
     """
-    files = {name: TaskFile(folder / name, name) for name in (_ROBOT, _HOLD_OUT)}
+    files = {name: TaskFile(folder / name, name) for name in (_ROBOT_FILE, _HOLD_OUT)}
     files[_DIAGNOSIS] = TaskFile(folder / "out" / _DIAGNOSIS, _DIAGNOSIS)
     return Task(name, measure_case, {"program": list(program), "noise": dict(noise)}, files)
 
@@ -74,9 +74,9 @@ def diagnose_case(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str
         PlantError: the robot cannot be built.
 
     """
-    place = folder.inputs[_ROBOT].parent
+    place = folder.inputs[_ROBOT_FILE].parent
     _build_models(folder, parameters)
-    command = [*_find_program(parameters), "diagnose", _ROBOT, _LOG, "--out", "out"]
+    command = [*_find_program(parameters), "diagnose", _ROBOT_FILE, _LOG, "--out", "out"]
     try:
         ended = run_command(command, place, LONGEST_DIAGNOSIS)
     except ChildError as error:
@@ -101,7 +101,7 @@ def measure_case(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str,
         PlantError: the robot cannot be built.
 
     """
-    place = folder.inputs[_ROBOT].parent
+    place = folder.inputs[_ROBOT_FILE].parent
     _build_models(folder, parameters)
     program = _find_program(parameters)
     found = {}
@@ -132,7 +132,7 @@ def replay_gap(
         ChildError: the replay fails, takes too long, or what it wrote cannot be read.
 
     """
-    command = [*program, "replay", _ROBOT, _HOLD_OUT, *more, "--out", f"{name}.parquet"]
+    command = [*program, "replay", _ROBOT_FILE, _HOLD_OUT, *more, "--out", f"{name}.parquet"]
     ended = run_command(command, place, LONGEST_DIAGNOSIS)
     if ended.code:
         raise ChildError(f"replay {' '.join(more)} ended with exit code {ended.code}: {ended.words}")
@@ -195,4 +195,4 @@ def _build_models(folder: TaskFolder, parameters: Mapping[str, Any]) -> None:
     """Have the models ready that the command will load: a build may have to come from elsewhere."""
     if not parameters["program"]:
         for build in BUILDS:
-            find_or_build(folder.inputs[_ROBOT], *build, None)
+            find_or_build(folder.inputs[_ROBOT_FILE], *build, None)

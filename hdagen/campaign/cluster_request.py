@@ -14,7 +14,7 @@ from hdagen.support.messages import show_path, show_value
 _ADDRESS_PATTERN = re.compile(r"(tls|tcp)://(\[[0-9a-fA-F:]+\]|[\w.-]+):\d{1,5}")
 _MEMORY_PATTERN = re.compile(r"(\d+(?:\.\d+)?) ?([kMGT]i?B)")
 _MOST_SCHEDULER_FILE_BYTES = 10_000_000
-_UNITS = {"k": 1, "M": 2, "G": 3, "T": 4}
+_BYTE_UNITS = {"k": 1, "M": 2, "G": 3, "T": 4}
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class ClusterRequest:
         base = 1000
         if "i" in found[2]:
             base = 1024
-        return int(float(found[1]) * base ** _UNITS[found[2][0]])
+        return int(float(found[1]) * base ** _BYTE_UNITS[found[2][0]])
 
 
 def format_bytes(count: float) -> str:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hdagen.model_import.model_file import ModelError, ModelFile
 
 Array = NDArray[np.float64]
-KINDS = {0: "free", 1: "ball", 2: "prismatic", 3: "revolute"}  # mjtJoint
+JOINT_KINDS = {0: "free", 1: "ball", 2: "prismatic", 3: "revolute"}  # mjtJoint
 TENSOR_ERROR = 1e-9  # of the largest entry, by which principal axes may differ from the six numbers
 PLACEHOLDER = 1e-6  # kg and kg m² of a moving body without mass, which MuJoCo refuses; taken off again
 NO_MUJOCO = "pip install 'hdagen[mujoco]'"
@@ -287,7 +287,7 @@ def _read_joint(
     model: Any, file: ModelFile, k: int, forces: dict[str, tuple[float | None, bool]], coupled: set[str]
 ) -> TreeJoint:
     joint = model.joint(k)
-    kind, name = KINDS[int(model.jnt_type[k])], str(joint.name)
+    kind, name = JOINT_KINDS[int(model.jnt_type[k])], str(joint.name)
     first = int(model.jnt_dofadr[k])
     limit, servo = forces.get(name, (None, False))
     if model.jnt_actfrclimited[k]:
