@@ -78,7 +78,7 @@ def _describe_effect(model: Model, effect: Effect) -> dict[str, Any]:
 
 def _describe_number(model: Model, number: FileNumber) -> dict[str, Any]:
     joints = [q.joint for q in model.quantities if q.effect == number.name]
-    shape = {"states": [], "shapes": []}
+    shape: dict[str, list[str]] = {"states": [], "shapes": []}
     return {"name": number.name, "place": number.place, "joints": joints, "amplitudes": [number.name], **shape}
 
 

@@ -13,6 +13,7 @@ import pytest
 import robots
 from arms import ALL_EFFECTS, CHAINS, SPRINGS, arm
 from compiled import Compiled
+from planar_links import get_planar_link
 from stub_compiler import stub_compiler
 
 from gen.__main__ import main
@@ -83,7 +84,8 @@ def test_fastest_mode_of_one_spring_is_that_of_two_masses(tmp_path: Path) -> Non
         and p.wave_generator_stiffness
         and p.wave_generator_stiffening
     )
-    link = joint.link.inertia.nominal + joint.mass.nominal * joint.link.center_of_mass.nominal**2
+    planar = get_planar_link(joint)
+    link = planar.inertia.nominal + joint.mass.nominal * planar.center_of_mass.nominal**2
     rotor = p.ratio.nominal**2 * p.motor_inertia.nominal
     for mode, torque in ((found.unloaded, 0.0), (found.loaded, 40.0)):
         flexspline = 1 / (p.flexspline_stiffness.nominal * (1 + (p.flexspline_stiffening.nominal * torque) ** 2))

@@ -108,7 +108,7 @@ def test_energy_is_kept_without_friction(arm: Arm) -> None:
     free = arm.with_parameters(p)
     start = np.concatenate([[0.4, 0.1, -0.3, 0.5], [1.0, 0.2, -1.5, 2.0]])
     x = free.rollout(start, np.zeros((400, arm.nu)), 0.0025, most=0.00025)
-    energy = sum(part[:, 0] for part in free.evaluate("energy", x=x).values())
+    energy = np.sum([part[:, 0] for part in free.evaluate("energy", x=x).values()], axis=0)
     swing = np.ptp(free.evaluate("energy", x=x)["kinetic"])
     assert swing > 1.0 and np.abs(energy - energy[0]).max() < 1e-7 * swing
 

@@ -325,7 +325,9 @@ def test_a_chain_in_space_that_lies_in_the_plane_is_the_one_of_the_short_form() 
         expected = {
             "mass_matrix": chain.mass_matrix(symbols[0], p),
             "bias": chain.bias_torque(symbols[0], symbols[1], p),
-            "torque": chain.newton_euler(*symbols[:2], ca.vertsplit(symbols[2]), p, chain.gravity(p), row[3][:2]),
+            "torque": chain.newton_euler(
+                symbols[0], symbols[1], ca.vertsplit(symbols[2]), p, chain.gravity(p), row[3][:2]
+            ),
         }
         for name, value in expected.items():
             assert np.array(deep[name]) == pytest.approx(np.array(ca.DM(ca.evalf(value))), rel=1e-12, abs=1e-11)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from planar_links import get_planar_link
 
 from gen.presets import find_presets
 from gen.robot.description import Robot
@@ -54,7 +55,7 @@ def test_paper_is_the_robot_of_the_made_logs() -> None:
         pytest.skip("the made logs lie neither in $HDAGEN_DATA nor in ../shared/data")
     preset, made = load("paper"), load(file)
     for ours, theirs in zip(preset.joints, made.joints, strict=True):
-        assert (ours.mass, ours.link, ours.sensor) == (theirs.mass, theirs.link, theirs.sensor)
+        assert (ours.mass, get_planar_link(ours), ours.sensor) == (theirs.mass, get_planar_link(theirs), theirs.sensor)
         drive = {**vars(ours.drive), "hysteresis_loss": None}  # the made robot files state no loss
         assert drive == vars(theirs.drive)
 
@@ -77,7 +78,7 @@ def _stiffness_at_rest(robot: Robot) -> float:
 def test_table_1_resonates_at_18_5_hz(table_1: Robot) -> None:
     drive = table_1.joints[0].drive
     rotor = drive.ratio.nominal**2 * drive.motor_inertia.nominal
-    arm = table_1.joints[0].link.inertia.nominal
+    arm = get_planar_link(table_1.joints[0]).inertia.nominal
     K = _stiffness_at_rest(table_1)
     assert pytest.approx(7051, abs=0.5) == K
     assert math.sqrt(K * (1 / arm + 1 / rotor)) / (2 * math.pi) == pytest.approx(18.5, abs=0.05)
@@ -90,7 +91,8 @@ def test_table_1_damping_is_5_percent_of_critical(table_1: Robot) -> None:
     drive = table_1.joints[0].drive
     assert drive.torsional_damping
     inertia = 1 / (
-        1 / table_1.joints[0].link.inertia.nominal + 1 / (drive.ratio.nominal**2 * drive.motor_inertia.nominal)
+        1 / get_planar_link(table_1.joints[0]).inertia.nominal
+        + 1 / (drive.ratio.nominal**2 * drive.motor_inertia.nominal)
     )
     assert drive.torsional_damping.nominal / (2 * math.sqrt(_stiffness_at_rest(table_1) * inertia)) == pytest.approx(
         0.05, abs=0.001

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import tomlkit
 from hypothesis import HealthCheck, given, settings
+from planar_links import get_planar_link
 
 from gen.effects.appearance import Abscissa, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port
@@ -120,7 +121,7 @@ def test_plain_numbers_have_the_files_tolerance_and_geometry_none() -> None:
     joint = robot.joints[0]
     assert joint.mass == Value(1.0, 0.2) and joint.drive.coulomb_friction == Value(0.03, 0.2)
     for exact in (
-        joint.link.length,
+        get_planar_link(joint).length,
         joint.drive.ratio,
         joint.drive.friction_smoothing,
         joint.drive.law_torque,
@@ -133,7 +134,7 @@ def test_plain_numbers_have_the_files_tolerance_and_geometry_none() -> None:
 def test_a_parameter_states_its_own_tolerance() -> None:
     stated = {"value": 0.3, "tolerance": 0.01}
     robot = built(changed("joint[1].length", stated))
-    assert robot.joints[0].link.length == Value(0.3, 0.01)
+    assert get_planar_link(robot.joints[0]).length == Value(0.3, 0.01)
     assert built(good() | {"gravity": [stated, 0]}).gravity == (Value(0.3, 0.01), Value(0.0, 0.0))
 
 
@@ -184,7 +185,7 @@ def test_lumped_inertia_is_moved_to_the_centre_of_mass_and_keeps_its_deviation()
     table = changed("joint[1].inertia", ...)
     table["joint"][0] |= {"inertia_about_joint": 0.008, "mass": 1.0, "center_of_mass": 0.1}
     table["joint"][0]["drive"] = dict(rigid()["drive"]) | {"motor_inertia": 1e-4}
-    inertia = built(table).joints[0].link.inertia
+    inertia = get_planar_link(built(table).joints[0]).inertia
     assert inertia.nominal == pytest.approx(-0.002) and abs(inertia.nominal) * inertia.tolerance == pytest.approx(
         0.05 * 0.008
     )
@@ -552,9 +553,9 @@ def _kinetic_energy(robot: Robot, q: np.ndarray, v: np.ndarray) -> float:
                 angle += position
             else:
                 at += position * np.exp(1j * angle)
-            found.append(at + joint.link.center_of_mass.nominal * np.exp(1j * angle))
+            found.append(at + get_planar_link(joint).center_of_mass.nominal * np.exp(1j * angle))
             angles.append(angle)
-            at += joint.link.length.nominal * np.exp(1j * angle)
+            at += get_planar_link(joint).length.nominal * np.exp(1j * angle)
         return np.array(found), np.array(angles)
 
     h = 1e-5
@@ -562,7 +563,7 @@ def _kinetic_energy(robot: Robot, q: np.ndarray, v: np.ndarray) -> float:
     speeds, spins = abs(ahead - behind) / (2 * h), (turned - back) / (2 * h)
     rotors = [j.drive.motor_inertia.nominal * j.drive.ratio.nominal**2 for j in robot.joints]
     masses = [joint.mass.nominal for joint in robot.joints]
-    inertias = [joint.link.inertia.nominal for joint in robot.joints]
+    inertias = [get_planar_link(joint).inertia.nominal for joint in robot.joints]
     return float(np.dot(masses, speeds**2) + np.dot(inertias, spins**2) + np.dot(rotors, v**2)) / 2
 
 
@@ -603,7 +604,7 @@ def test_lumped_inertia_may_go_as_far_as_the_chain_allows() -> None:
         last = {k: v for k, v in flexible().items() if k != "inertia"} | {"inertia_about_joint": about_joint}
         return good() | {"joint": [flexible() | {"mass": 5.0, "inertia": 0.5}, last | {"center_of_mass": 0.3}]}
 
-    assert built(arm(0.05)).joints[1].link.inertia.nominal == pytest.approx(0.05 - 0.09)
+    assert get_planar_link(built(arm(0.05)).joints[1]).inertia.nominal == pytest.approx(0.05 - 0.09)
     (sentence,) = problems(arm(0.004))
     assert "not positive definite" in sentence
 

@@ -8,6 +8,8 @@ from pathlib import Path
 from gen.builder.build import assemble_library
 from gen.builder.build_files import make_manifest
 from gen.builder.step_stability import StepExamination
+from gen.effects.effect import Effect
+from gen.model.function_library import Library
 from gen.robot.description import RobotError
 from gen.robot.load_robot import load as load_description
 from hdagen.arm.arrays import Array
@@ -39,7 +41,7 @@ def find_settings(robot: Path) -> tuple[float, tuple[float, ...]]:
     return _assemble(robot, ())[2].find_remedy()
 
 
-def _assemble(robot: str | Path, effects: tuple[str, ...]) -> tuple[object, tuple, StepExamination]:
+def _assemble(robot: str | Path, effects: tuple[str, ...]) -> tuple[Library, tuple[Effect, ...], StepExamination]:
     try:
         return assemble_library(str(robot), load_description(str(robot)), tuple(sorted(effects)))
     except RobotError as error:

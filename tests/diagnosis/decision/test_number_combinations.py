@@ -32,7 +32,10 @@ def stand_at(name: str, factor: float) -> Any:
 def test_sets_of_like_odds_are_one_statement_under_the_number_that_changes_least(odds: float) -> None:
     weight = {("mass@2",): 1.0, ("inertia@2",): 1.0 / odds, ("backlash@1",): 0.5, (): 1e-6}
     total = sum(weight.values())
-    fits = {("mass@2",): stand_at("mass@2", 2.0), ("inertia@2",): stand_at("inertia@2", 0.8)}
+    fits: dict[tuple[str, ...], Any] = {
+        ("mass@2",): stand_at("mass@2", 2.0),
+        ("inertia@2",): stand_at("inertia@2", 0.8),
+    }
     found = combine_numbers(weight, fits, frozenset(TRAITS), TRAITS)
     assert sum(weight.values()) == pytest.approx(total)
     if odds < 100.0:
@@ -45,7 +48,7 @@ def test_sets_of_like_odds_are_one_statement_under_the_number_that_changes_least
 def test_a_payload_is_the_same_as_a_wrong_mass_of_its_link_alone() -> None:
     for payload, same in (("payload@2", True), ("payload@1", False)):
         weight = {("mass@2",): 1.0, (payload,): 0.5, (): 0.1}
-        fits = {("mass@2",): stand_at("mass@2", 2.0)}
+        fits: dict[tuple[str, ...], Any] = {("mass@2",): stand_at("mass@2", 2.0)}
         assert bool(combine_numbers(weight, fits, frozenset(TRAITS), TRAITS)) == same
 
 
