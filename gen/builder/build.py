@@ -159,8 +159,7 @@ def build_robot(
     folder, name, content = locate_build(source, profile, out, extra, mpc)
     if is_intact(folder, name):
         return folder, False
-    robot = _load_robot(source, mpc)
-    library, effects, examined = assemble_library(source, robot, extra)
+    library, effects, examined = assemble_library(source, _load_robot(source, mpc), extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
     try:

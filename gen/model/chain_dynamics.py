@@ -127,17 +127,8 @@ class ChainDynamics(KinematicChain):
                 force, moment = self._carry_wrench(k + 1, trig, force, moment, self.offset_to_frame(k + 1, q, p))
                 M[k, j] = M[j, k] = _along_joint(self.links[k], force, moment)
             if j > 0:
-                outboard = self._carry_body(j, trig, outboard, self.offset_to_frame(j, q, p))
+                outboard = _carry_body(self, j, trig, outboard, self.offset_to_frame(j, q, p))
         return M
-
-    def _carry_body(self, j: int, trig: SinesAndCosines, body: Body, offset: Vector) -> Body:
-        """A body of a joint's frame in the frame before, about its origin."""
-        s, c, rotation = trig[0][j], trig[1][j], self.links[j].rotation
-        inertia = body.inertia
-        if not self.is_prismatic(j):
-            inertia = rotate_inertia_about_z(s, c, inertia)
-        moment = self.rotate_out_of_frame(j, trig, body.first_moment)
-        return Body(body.mass, *shift_body(body.mass, moment, rotate_inertia(rotation, inertia), offset))
 
     def gravity_torque(self, q: Any, p: Parameters) -> Any:
         """Find the torque that holds the arm at rest.
@@ -238,6 +229,16 @@ def _along_joint(link: ChainLink, force: Vector, moment: Vector) -> Any:
     if link.kind == "prismatic":
         return force[0]
     return moment[2]
+
+
+def _carry_body(chain: KinematicChain, j: int, trig: SinesAndCosines, body: Body, offset: Vector) -> Body:
+    """A body of a joint's frame in the frame before, about its origin."""
+    inertia = body.inertia
+    if not chain.is_prismatic(j):
+        inertia = rotate_inertia_about_z(trig[0][j], trig[1][j], inertia)
+    moment = chain.rotate_out_of_frame(j, trig, body.first_moment)
+    inertia = rotate_inertia(chain.links[j].rotation, inertia)
+    return Body(body.mass, *shift_body(body.mass, moment, inertia, offset))
 
 
 def _fill_vector(parts: Sequence[Any]) -> Vector:
