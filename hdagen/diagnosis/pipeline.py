@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
-from hdagen.diagnosis.checked_verdict import check_on_holdout
-from hdagen.diagnosis.data.models import load_models
-from hdagen.diagnosis.data.prepared_data import prepare_data
-from hdagen.diagnosis.decision.direct_evidence import find_direct_evidence
+from hdagen.diagnosis.checked_verdict import CheckedVerdict, check_on_holdout
+from hdagen.diagnosis.data.data_settings import DATA
+from hdagen.diagnosis.data.models import Models, load_models
+from hdagen.diagnosis.data.prepared_data import PreparedData, prepare_data
+from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, find_direct_evidence
 from hdagen.diagnosis.decision.posterior import score_hypotheses
 from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.diagnosis_content import describe_diagnosis
 from hdagen.diagnosis.explanation import explain_verdict
 from hdagen.diagnosis.holdout.long_window_prediction import predict_long_windows
-from hdagen.diagnosis.holdout.unseen_motion import measure_without_effects
+from hdagen.diagnosis.holdout.small_effects import is_gap_alike
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion, measure_without_effects
 from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
 from hdagen.diagnosis.search.effect_search import search_effects
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.search.null_model import fit_null_model
+from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.diagnosis.stages.stage import Stage, StageListener, ignore_stage
 from hdagen.log.measured_log import Log
 
@@ -61,13 +67,14 @@ def _run_stages(robot: str | Path, logs: Sequence[Log], holdout: Sequence[Log], 
     with ThreadPoolExecutor(1) as beside:  # the search leaves half a core idle
         unseen = beside.submit(measure_without_effects, models, data, null.fit)
         search = search_effects(models, data, null, on_stage)
-    on_stage(Stage.LONG_WINDOWS)
-    prediction = predict_long_windows(search, data)
-    scores = score_hypotheses(search, prediction.log_odds)
-    checked = check_on_holdout(models, data, search, scores, direct, unseen.result(), on_stage)
+    judge = partial(_judge_search, models, data, direct, unseen.result(), on_stage)
+    found = judge(search)
+    if found.is_file_in_doubt:
+        found = _search_wrong_numbers(models, data, judge, found, on_stage)
+    search, checked = found.search, found.checked
     explained = explain_verdict(models, data, checked, on_stage)
 
-    failures = (*search.failures, *prediction.failures, *checked.failures, *explained.failures)
+    failures = (*found.failures, *explained.failures)
     statement = checked.settled.statement
     result = DiagnosisResult(
         search=search,
@@ -79,6 +86,61 @@ def _run_stages(robot: str | Path, logs: Sequence[Log], holdout: Sequence[Log], 
         failures=failures,
     )
     return Diagnosis(result, robot, _list_sources(data.logs), _list_sources(data.holdout))
+
+
+@dataclass(frozen=True, eq=False)
+class _JudgedSearch:
+    """A search with its check on held-out motion."""
+
+    search: SearchResult
+    checked: CheckedVerdict
+    failures: tuple[str, ...]
+
+    @property
+    def is_file_in_doubt(self) -> bool:
+        """Whether many times the noise is left although the file is taken as right, by no contradiction of the logs."""
+        gap = self.checked.settled.deciding_gap
+        return self.checked.contradiction is None and gap["after"] > DATA.significant_noise_multiple
+
+    def leaves_less_than(self, other: _JudgedSearch) -> bool:
+        """Tell whether its verdict leaves clearly less of the motion that decides than another one."""
+        gap, theirs = self.checked.settled.deciding_gap, other.checked.settled.deciding_gap
+        return bool(gap["after"] < theirs["after"]) and not is_gap_alike(gap, theirs)
+
+
+def _judge_search(
+    models: Models,
+    data: PreparedData,
+    direct: Sequence[DirectEvidence],
+    unseen: HoldoutMotion,
+    on_stage: StageListener,
+    search: SearchResult,
+) -> _JudgedSearch:
+    """Decide by a search, and check the decision on held-out motion."""
+    on_stage(Stage.LONG_WINDOWS)
+    prediction = predict_long_windows(search, data)
+    scores = score_hypotheses(search, prediction.log_odds)
+    checked = check_on_holdout(models, data, search, scores, direct, unseen, on_stage)
+    return _JudgedSearch(search, checked, (*search.failures, *prediction.failures, *checked.failures))
+
+
+def _search_wrong_numbers(
+    models: Models,
+    data: PreparedData,
+    judge: Callable[[SearchResult], _JudgedSearch],
+    found: _JudgedSearch,
+    on_stage: StageListener,
+) -> _JudgedSearch:
+    """Search again with the robot file's numbers among the causes; what clearly leaves less of unseen motion stands."""
+    attempts = Attempts()
+
+    def search_again() -> _JudgedSearch:
+        null = fit_null_model(models.full, data.record, with_numbers=True)
+        return judge(search_effects(models, data, null, on_stage))
+
+    again = attempts.attempt("the search for wrong numbers of the robot file", search_again, found)
+    chosen = again if again.leaves_less_than(found) else found
+    return replace(chosen, failures=(*chosen.failures, *attempts.failures))
 
 
 def _list_sources(logs: Sequence[Log]) -> tuple[str, ...]:

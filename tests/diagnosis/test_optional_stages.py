@@ -50,7 +50,7 @@ def check_payload() -> CheckedVerdict:
     motion: Any = SimpleNamespace(before=None, portion=None, simulate=None)
     confirmed = ConfirmedVerdict(("payload@1",), {}, False, GAP, unused, unused)
     statement = Statement(decision, StatedEffects(("payload@1",), (CAUSE,)), confirmed)
-    return CheckedVerdict(SettledStatement(statement, None, ()), (), None, motion, ())
+    return CheckedVerdict(SettledStatement(statement, None, (), {"after": 0.0}), (), None, motion, ())
 
 
 def test_a_late_stage_that_fails_takes_nothing_of_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:

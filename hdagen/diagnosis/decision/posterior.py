@@ -193,7 +193,7 @@ def score_hypotheses(
             less = less if less in weight else ()
             weight[less] += weight[names]
             weight[names] = 0.0
-            if less:  # it stands for the larger set from here on
+            if less and numbers:  # it stands for the larger set from here on
                 evidence[less] = max(evidence[less], evidence[names])
     combinations = combine_numbers(weight, own, numbers, traits)
     total = sum(weight.values())
@@ -343,7 +343,10 @@ def _drop_negligible(
     """
     large = tuple(name for name in names if size[name] >= 1.0)
     rests = {name: tuple(n for n in names if n != name) for name in large if large == names}
-    for name, rest in sorted(rests.items(), key=lambda item: -evidence.get(item[1], -np.inf)):  # the least missed first
+    order = list(rests.items())
+    if numbers:  # the least missed first
+        order.sort(key=lambda item: -evidence.get(item[1], -np.inf))
+    for name, rest in order:
         far = {n for n in names if n in numbers and size[n] * CANDIDATES.present_size >= 1.0}
         pairs = [n for n in rest if _are_interchangeable(name, n, traits) and not {name, n} <= numbers]
         alike = [n for n in pairs if not {name, n} & far]

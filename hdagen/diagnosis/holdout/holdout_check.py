@@ -53,12 +53,14 @@ class SettledStatement:
         doubts: of diagnosis.json: the verdict that was doubted, the joint, and the share of its error that was left;
             None if nothing was.
         small_effects: `small` of diagnosis.json: effects that were dropped as small.
+        deciding_gap: `gap` of diagnosis.json on the motion that decided, which is not that of the report.
 
     """
 
     statement: Statement
     doubts: Mapping[str, Any] | None
     small_effects: tuple[Mapping[str, Any], ...]
+    deciding_gap: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +161,7 @@ class HoldoutJudge:
         """
         gap = last.measure_gap(last.before)
         confirmed = ConfirmedVerdict((), {}, True, gap, self.nominal_arm, last.before)
-        return SettledStatement(Statement(decision, StatedEffects((), ()), confirmed), None, ())
+        return SettledStatement(Statement(decision, StatedEffects((), ()), confirmed), None, (), gap)
 
     def check_decision(self, decision: Decision) -> SettledStatement:
         """Check a decision on the motion: add direct evidence, doubt, and drop small effects.
@@ -187,7 +189,7 @@ class HoldoutJudge:
         checked, small = drop_small_effects(stated.decision, fitted, measure, direct)
         if small:
             stated = self.state_decision(checked)
-        return SettledStatement(stated, doubts, tuple(small))
+        return SettledStatement(stated, doubts, tuple(small), stated.confirmed.gap)
 
     @cached_property
     def _null_parameters(self) -> dict[str, Any]:

@@ -12,7 +12,9 @@ from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.initialization.initial_guess import InitialGuess
 
 
-def build_candidates(arm: Arm, suggested: InitialGuess, uncommanded: Collection[int] = ()) -> CandidateSet:
+def build_candidates(
+    arm: Arm, suggested: InitialGuess, uncommanded: Collection[int] = (), *, with_numbers: bool = False
+) -> CandidateSet:
     """List every effect of a model that a log can show, started from the log's initial guess. An effect between a
     command and the input that acts is left out at joints whose measured input drives the model.
 
@@ -20,6 +22,7 @@ def build_candidates(arm: Arm, suggested: InitialGuess, uncommanded: Collection[
         arm: the compiled model.
         suggested: initial guess from the log.
         uncommanded: joints without a logged command.
+        with_numbers: whether the robot file is doubted: its numbers may be wrong by any factor.
 
     Returns:
         All candidates with their columns.
@@ -29,7 +32,10 @@ def build_candidates(arm: Arm, suggested: InitialGuess, uncommanded: Collection[
     place = {name: k for k, name in enumerate(described)}
     atoms: list[Candidate] = []
     columns: list[Column] = []
-    for effect in (*arm.manifest["effects"], *arm.manifest["numbers"]):
+    entries = [*arm.manifest["effects"]]
+    if with_numbers:
+        entries += arm.manifest["numbers"]
+    for effect in entries:
         for j in effect["joints"]:
             suffix = f"_{j}" if j else ""
             possible = (a + suffix for a in effect["amplitudes"])
@@ -41,7 +47,7 @@ def build_candidates(arm: Arm, suggested: InitialGuess, uncommanded: Collection[
                 _combine_shape_starts([suggested.shapes.get(s, described[s].starts) for s in shapes])
             ):
                 own = dict(zip(shapes, chosen, strict=True))
-                stated = all(map(_is_stated, (described[name] for name in names)))
+                stated = with_numbers and all(map(_is_stated, (described[name] for name in names)))
                 atoms.append(Candidate(arm.effects[effect["name"]], j, names, own, not number, stated))
                 columns += [
                     _make_column(described[name], place[name], len(atoms) - 1, not number, suggested) for name in names

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.windows import WindowedRecord
@@ -36,12 +37,13 @@ class NullModel:
     fit: Fit
 
 
-def fit_null_model(arm: Arm, record: WindowedRecord) -> NullModel:
+def fit_null_model(arm: Arm, record: WindowedRecord, *, with_numbers: bool = False) -> NullModel:
     """Fit the null model, and prepare the candidates by it.
 
     Args:
         arm: the model with every effect.
         record: windows of the log.
+        with_numbers: whether numbers of the robot file are candidates.
 
     Returns:
         The fitted null model with the candidates.
@@ -49,8 +51,9 @@ def fit_null_model(arm: Arm, record: WindowedRecord) -> NullModel:
     """
     shooting = MultipleShooting(arm, record)
     hints = guess_from_log(arm, record)
-    fit = fit_without_effects(shooting, build_candidates(arm, hints, record.joints_without_command))
-    candidates = build_candidates(arm, suggest_ripple_orders(fit, hints), record.joints_without_command)
+    build = partial(build_candidates, arm, uncommanded=record.joints_without_command, with_numbers=with_numbers)
+    fit = fit_without_effects(shooting, build(suggested=hints))
+    candidates = build(suggested=suggest_ripple_orders(fit, hints))
     return NullModel(
         shooting, candidates.with_spike_scale(fit.sensitivities.candidates.spike_scale), fit.without_columns()
     )

@@ -65,7 +65,10 @@ def compare_with_springs(
         flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SEARCH.spring_step
     )
     candidates = build_candidates(
-        flexible, guess_from_log(flexible, shooting.record), shooting.record.joints_without_command
+        flexible,
+        guess_from_log(flexible, shooting.record),
+        shooting.record.joints_without_command,
+        with_numbers=any(one.is_number for one in found.candidates.members),
     ).with_spike_scale(found.candidates.spike_scale)
     at, field = _start_spring_fits(shooting, candidates, found)
     lead = sort_by_evidence(found.fits)[0]
