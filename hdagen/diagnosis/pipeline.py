@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.search.null_model import fit_null_model
 from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.diagnosis.stages.stage import Stage, StageListener, ignore_stage
+from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
 
 
@@ -68,9 +69,8 @@ def _run_stages(robot: str | Path, logs: Sequence[Log], holdout: Sequence[Log], 
         unseen = beside.submit(measure_without_effects, models, data, null.fit)
         search = search_effects(models, data, null, on_stage)
     judge = partial(_judge_search, models, data, direct, unseen.result(), on_stage)
-    found = judge(search)
-    if found.is_file_in_doubt:
-        found = _search_wrong_numbers(models, data, judge, found, on_stage)
+    search_numbers = partial(_search_wrong_numbers, models, data, judge, on_stage)
+    found = _judge_with_numbers(judge, search, search_numbers)
     search, checked = found.search, found.checked
     explained = explain_verdict(models, data, checked, on_stage)
 
@@ -124,23 +124,37 @@ def _judge_search(
     return _JudgedSearch(search, checked, (*search.failures, *prediction.failures, *checked.failures))
 
 
-def _search_wrong_numbers(
-    models: Models,
-    data: PreparedData,
+def _judge_with_numbers(
     judge: Callable[[SearchResult], _JudgedSearch],
-    found: _JudgedSearch,
-    on_stage: StageListener,
+    search: SearchResult,
+    search_numbers: Callable[[], _JudgedSearch | None],
 ) -> _JudgedSearch:
-    """Search again with the robot file's numbers among the causes; what clearly leaves less of unseen motion stands."""
-    attempts = Attempts()
+    """Judge a search that takes the robot file as right, and another with the file's numbers among the causes where the
+    first leaves much: what clearly leaves less of unseen motion stands. Where the file seems to be another machine's,
+    the other one stands if it leaves about the noise."""
+    try:
+        found = judge(search)
+    except LogError:
+        again = search_numbers()
+        if again is None or again.is_file_in_doubt:
+            raise
+        return again
+    if not found.is_file_in_doubt:
+        return found
+    again = search_numbers()
+    return again if again and again.leaves_less_than(found) else found
+
+
+def _search_wrong_numbers(
+    models: Models, data: PreparedData, judge: Callable[[SearchResult], _JudgedSearch], on_stage: StageListener
+) -> _JudgedSearch | None:
+    """Search with the robot file's numbers among the causes; None where that fails."""
 
     def search_again() -> _JudgedSearch:
         null = fit_null_model(models.full, data.record, with_numbers=True)
         return judge(search_effects(models, data, null, on_stage))
 
-    again = attempts.attempt("the search for wrong numbers of the robot file", search_again, found)
-    chosen = again if again.leaves_less_than(found) else found
-    return replace(chosen, failures=(*chosen.failures, *attempts.failures))
+    return Attempts().attempt("the search for wrong numbers of the robot file", search_again, None)
 
 
 def _list_sources(logs: Sequence[Log]) -> tuple[str, ...]:
