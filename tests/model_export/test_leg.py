@@ -133,7 +133,7 @@ def test_json_has_the_numbers_by_joint_name_and_draws_of_them(export: Export) ->
 
 def test_urdf_says_what_it_does_not_hold(export: Export) -> None:
     code, said = export("urdf", "leg.toml", *WITH, "--out", "leg.urdf")
-    assert code == 0 and "joint1.delay" in said and "reflected inertia" in said
+    assert code == 0 and "hip.delay" in said and "reflected inertia" in said
     model = mujoco.MjModel.from_xml_path("leg.urdf")
     assert model.dof_frictionloss == pytest.approx(leg.TRUE["frictionloss"])
 
