@@ -98,7 +98,6 @@ def test_every_number_has_its_source_and_every_assumption_is_told(tmp_path: Path
     assert first["limits"]["torque"] == 40.0 and second["limits"]["torque"] == 15.0
     assert "torque" not in third["limits"] and first["limits"]["position"] == [-2.0, 2.0]
     assert "<inertial> of slider, hand, left, right, welded" in made.text
-    assert first["drive"]["friction_smoothing"] >= 0.01 or first["drive"].get("friction_smoothing") is None
 
 
 def test_base_tip_joints_and_held_joints_are_chosen(tmp_path: Path) -> None:
