@@ -127,7 +127,7 @@ def test_workers_that_differ_or_lack_the_package_say_so_and_take_no_task(
     with (other / "hdagen" / "fleet" / "machine_task.py").open("a") as file:
         file.write("# another state\n")
     (empty / "hdagen").mkdir(parents=True)
-    (empty / "hdagen" / "__init__.py").write_text("")
+    (empty / "hdagen" / "__init__.py").write_text("raise ImportError('none here')\n")
     site.start_worker("other", PYTHONPATH=str(other))
     site.start_worker("empty", PYTHONPATH=str(empty))
     said: list[str] = []
