@@ -213,7 +213,8 @@ def test_the_page_has_full_rows_for_every_effect() -> None:
     assert listed == [effect.name for effect in ALL]
     for row in rows[1:]:
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]]
-        assert len(cells) == (3 if row.startswith("| [`") else 2) or not any(cells)
+        widths = {"| [`": 3, "| `": 4, "| number": 4}
+        assert len(cells) == next((n for start, n in widths.items() if row.startswith(start)), 2) or not any(cells)
         assert all(cells) or not any(cells), row
 
 

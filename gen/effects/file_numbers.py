@@ -55,7 +55,7 @@ FILE_NUMBERS = (
         "mass",
         "link",
         "Mass of the link.",
-        Experiment("hold still at several poses and accelerate in each", "changes weight and inertia together"),
+        Experiment("hold still at several poses and accelerate in each", "adds weight, and inertia in proportion"),
         _OVER_ANGLE,
         (*_GROUPS, ConfusionGroup.POSE),
         ("payload",),

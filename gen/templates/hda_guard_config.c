@@ -43,10 +43,10 @@ int hda_guard_safe_ticks_held(const hda_guard_config *c) {
 
 double hda_guard_force(const double *force_map, const double *torque) {
     double total = 0.0;
-    for (int axis = 0; axis < HDA_TIP; axis++) {
+    for (int k = 0; k < HDA_TIP; k++) {
         double along = 0.0;
-        for (int j = 0; j < HDA_N; j++) along += force_map[axis * HDA_N + j] * torque[j];
-        total = axis ? hda_length(total, along) : along;
+        for (int j = 0; j < HDA_N; j++) along += force_map[k * HDA_N + j] * torque[j];
+        total = k ? hda_length(total, along) : along;
     }
     return total;
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,7 @@ def add_parser(commands: Any) -> None:
         "--at", action="append", default=[], metavar="JOINT=RAD", help="where a joint is held; may be repeated"
     )
     one.add_argument("--out", type=Path, help="the robot file (default: standard output)")
+    one.add_argument("--json", action="store_true", help="print the file's text or place, and the notes, as JSON")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -71,10 +73,14 @@ def run(options: argparse.Namespace) -> int:
         raise PlantError(str(error)) from None
     for note in made.notes:
         print(note, file=sys.stderr)
-    if options.out is None:
+    if options.out is not None:
+        write_atomically(options.out, made.text.encode())
+    if options.json:
+        written = None if options.out is None else str(options.out)
+        print(json.dumps({"written": written, "notes": list(made.notes), "text": made.text}))
+    elif options.out is None:
         print(made.text, end="")
     else:
-        write_atomically(options.out, made.text.encode())
         print(options.out)
     return DONE
 

@@ -87,6 +87,7 @@ def find_lost_rows(profile: LogProfile, robot: RobotFacts, model: Arm | None) ->
     log, ratios = profile.log, []
     whole = np.ones(len(log) - 1, bool)
     whole[profile.gaps[0]] = False
+    leaps = np.ones(len(log) - 1, bool)
     for name, channel in profile.channels.items():
         base = (split_column_name(name) or ("", 0))[0]
         if base not in ("motor_position", "joint_position") or not channel.is_moving or len(log) < 100:
@@ -96,15 +97,15 @@ def find_lost_rows(profile: LogProfile, robot: RobotFacts, model: Arm | None) ->
         fast = (np.abs(usual) > 10 * channel.noise) & whole
         beside = np.pad(np.abs(moves), 1, mode="edge")
         smooth = np.abs(moves) < CHANNEL_CHECK.lost_row_ratios[0] * np.maximum(beside[:-2], beside[2:])
-        ratio = np.where(fast, moves / np.where(fast, usual, 1.0), np.nan)
-        ratios.append(np.where(smooth & fast, 1.0, ratio))
+        ratios.append(np.where(fast, moves / np.where(fast, usual, 1.0), np.nan))
+        leaps &= ~(smooth & fast)
     if not ratios:
         return []
     seen = np.isfinite(ratios).any(axis=0)
     low, high = (
         f(np.where(np.isfinite(ratios), ratios, default), axis=0) for f, default in ((np.min, 9.0), (np.max, -9.0))
     )
-    double = seen & (low > CHANNEL_CHECK.lost_row_ratios[0]) & (high < CHANNEL_CHECK.lost_row_ratios[1])
+    double = leaps & seen & (low > CHANNEL_CHECK.lost_row_ratios[0]) & (high < CHANNEL_CHECK.lost_row_ratios[1])
     opposite = (
         seen & (low > -CHANNEL_CHECK.lost_row_ratios[1] + 2) & (high < 2 - CHANNEL_CHECK.lost_row_ratios[0])
     )  # as far off to the other side: shaky

@@ -102,10 +102,18 @@ class _JudgedSearch:
         gap = self.checked.settled.deciding_gap
         return self.checked.contradiction is None and gap["after"] > DATA.significant_noise_multiple
 
-    def leaves_less_than(self, other: _JudgedSearch) -> bool:
-        """Tell whether its verdict leaves clearly less of the motion that decides than another one."""
+    def explains_more_than(self, other: _JudgedSearch) -> bool:
+        """Tell whether its verdict leaves clearly less of the motion that decides than another one, or about as little
+        with fewer effects."""
         gap, theirs = self.checked.settled.deciding_gap, other.checked.settled.deciding_gap
-        return bool(gap["after"] < theirs["after"]) and not is_gap_alike(gap, theirs)
+        if not is_gap_alike(gap, theirs):
+            return bool(gap["after"] < theirs["after"])
+        return is_gap_alike(theirs, gap) and 0 < len(self.verdict) < len(other.verdict)
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """The effects that stand."""
+        return self.checked.settled.statement.confirmed.effects
 
 
 def _judge_search(
@@ -142,7 +150,7 @@ def _judge_with_numbers(
     if not found.is_file_in_doubt:
         return found
     again = search_numbers()
-    return again if again and again.leaves_less_than(found) else found
+    return again if again and again.explains_more_than(found) else found
 
 
 def _search_wrong_numbers(

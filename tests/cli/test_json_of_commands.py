@@ -32,11 +32,18 @@ def commands() -> dict[str, argparse.ArgumentParser]:
     return dict(choices)
 
 
+def list_actions(command: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
+    """The parsers of a command's actions, or its own where it has none."""
+    groups = [action for action in command._actions if isinstance(action, argparse._SubParsersAction)]
+    return [one for group in groups for one in group.choices.values()] or [command]
+
+
 def test_every_command_takes_json_and_shows_an_example() -> None:
     assert "those\nof `hdagen` take `--json`" in (ROOT / "docs/reference/commands.md").read_text(encoding="utf-8")
     assert tuple(commands()) == COMMANDS
     for name, command in commands().items():
-        assert "--json" in command._option_string_actions, name
+        for one in list_actions(command):
+            assert "--json" in one._option_string_actions, name
         assert "example" in (command.epilog or ""), name
 
 
@@ -64,8 +71,20 @@ FOUND = {
     "remains": [],
     "moments": [],
     "contradicted": None,
+    "doubts": None,
+    "method": {"calibrated": True},
+    "where": [],
+    "data": {},
     "as_good_as_it_gets": False,
-    "gap": {"before": 1.0, "after": 1.0, "floor": 1.0, "achievable": 1.0, "shrink": None, "interval": None},
+    "gap": {
+        "before": 1.0,
+        "after": 1.0,
+        "floor": 1.0,
+        "achievable": 1.0,
+        "shrink": None,
+        "interval": None,
+        "by_channel": {},
+    },
 }
 
 

@@ -23,6 +23,7 @@ ASKED_FROM_PYTHON = {
     "verdict.py",
     "predictive_controller.py",
     "build_loader.py",
+    "json_writer.py",
 }  # what loads a model by itself never meets these
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from hdagen import diagnose
 from hdagen.arm.compiled_arm import load
+from hdagen.diagnosis import pipeline
 from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.log.measured_log import Log
 
@@ -77,11 +78,14 @@ def find_factors(found: Diagnosis) -> dict[str, tuple[float, float]]:
     [
         {},
         {"inertia_1": 2.5},
-        {"inertia_1": 0.5, "viscous_friction_1": 4.0, "coulomb_friction_1": 0.3},
     ],
-    ids=["right", "inertia", "three"],
+    ids=["right", "inertia"],
 )
-def test_a_wrong_number_comes_back_and_a_right_one_stays(robot: Path, truth: dict[str, float], tmp_path: Path) -> None:
+def test_a_wrong_number_comes_back_and_a_right_one_stays(
+    robot: Path, truth: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the second search, as if the first had left many times the noise."""
+    monkeypatch.setattr(pipeline._JudgedSearch, "is_file_in_doubt", True)
     found = diagnose(robot, [move_arm(robot, truth)])
     factors = find_factors(found)
     assert sorted(factors) == sorted(found.verdict)

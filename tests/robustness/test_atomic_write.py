@@ -103,6 +103,9 @@ ELSEWHERE = {  # what does not stay: folders that are temporary, and a build tha
     "hdagen/campaign/build_transport.py": ["write_bytes", "rename", "write_bytes"],
     "hdagen/campaign/task_execution.py": ["write_bytes"],
     "hdagen/log/mat_file.py": ["open"],
+    "hdagen/model_export/c_writer.py": ["write_text", "write_text"],
+    "hdagen/model_export/fmu_writer.py": ["write_text"],
+    "hdagen/model_export/mjcf_writer.py": ["write_bytes"],
     "hdagen/mpc/benchmark/scaling.py": ["write_text"],
     "hdagen/paper/prototype/virtual_prototype.py": ["write_bytes"],
 }

@@ -213,7 +213,7 @@ def test_a_manifest_says_what_every_parameter_is_for(superset: Arm) -> None:
     assert p["stribeck_torque_1"].typical == pytest.approx(0.4 * p["coulomb_friction_1"].nominal)
     assert p["saturation_inverse_1"].typical == pytest.approx(2.0 / 10.0)  # half of max_current
     assert p["presliding_angle_1"].starts == pytest.approx((0.02, 0.005, 0.1, 0.5))  # by the ratio of 100
-    assert p["mass_1"].effect is None and p["mass_1"].role == "base"
+    assert p["mass_1"].effect == "mass" and p["mass_1"].role == "base"
     assert p["coulomb_friction_1"].role == "base" and p["coulomb_friction_1"].effect == "coulomb_friction"
 
 

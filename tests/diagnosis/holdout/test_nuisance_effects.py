@@ -63,7 +63,8 @@ def test_what_is_tolerated_is_listed_by_what_it_closes(build: Builder) -> None:
     (one,) = found(stands(arm, words, SIZE, 0.01))  # the other joint's, which is not there, closes nothing
     assert (one["effect"], one["joint"], one["size"]) == ("cable_spring", 1, pytest.approx(SIZE))
     stiffness = one["parameters"]["cable_stiffness_1"]
-    assert stiffness == {"value": SIZE * usual, "std": pytest.approx(0.01 * usual), "unit": "N m/rad", "end": None}
+    told = {"value": SIZE * usual, "std": pytest.approx(0.01 * usual), "unit": "N m/rad", "end": None}
+    assert stiffness.items() >= told.items() and stiffness["file"] is None
     assert (
         one["gap"] < (1 - HOLDOUT_CHECK.least_listed_gain) * evaluate_gap(before, before, held)["after"]
         and one["gap"] < 1.2
