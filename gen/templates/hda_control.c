@@ -47,8 +47,7 @@ static void gather_measurement(const hda_measurement *m, double *measured) {
 
 HDA_APART static int run_tick(hda_controller *k, double now, const hda_measurement *m, const double *reference,
                               double *torque) {
-    double raw[HDA_N] = {0}, map[HDA_TIP * HDA_N] = {0}, measured[2 * HDA_N + HDA_WRENCH],
-           next[HDA_MEMORY_MOST];
+    double raw[HDA_N] = {0}, map[HDA_TIP * HDA_N] = {0}, measured[2 * HDA_N + HDA_WRENCH], next[HDA_MEMORY_MOST];
     if (!k || k->law < 0 || k->law >= LAWS) return hda_guard_end_held(k ? &k->guard : NULL, raw, map, torque);
     const law *chosen = &laws[k->law];
     const int opened = hda_guard_begin_held(&k->guard, now, m, reference, chosen->reference);

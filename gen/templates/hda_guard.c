@@ -9,7 +9,8 @@
 
 #define MEASURED ((int)(sizeof(hda_measurement) / sizeof(double)))
 
-typedef char measurement_has_no_padding[sizeof(hda_measurement) == (1 + 5 * HDA_N + HDA_WRENCH) * sizeof(double) ? 1 : -1];
+typedef char
+    measurement_has_no_padding[sizeof(hda_measurement) == (1 + 5 * HDA_N + HDA_WRENCH) * sizeof(double) ? 1 : -1];
 
 typedef struct finding {
     int code;

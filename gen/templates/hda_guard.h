@@ -107,7 +107,7 @@ typedef struct hda_measurement {
     double motor_velocity[HDA_N];
     double joint_position[HDA_N];
     double joint_velocity[HDA_N];
-    double motor_torque[HDA_N]; /* measured or estimated */
+    double motor_torque[HDA_N];   /* measured or estimated */
     double tip_force[HDA_WRENCH]; /* measured or estimated, base frame; in space with the moment, N m */
 } hda_measurement;
 
@@ -192,7 +192,8 @@ HDA_API int hda_guard_begin(hda_guard *guard, double now, const hda_measurement 
                             int count);
 
 /* Closes the tick: writes HDA_N torques, always. raw: the controller's, not read in a refused tick; may be torque.
- * force_map: HDA_TIP x HDA_N by rows, N at the tip per N m at the motor; not read where force_limit is HDA_UNLIMITED. */
+ * force_map: HDA_TIP x HDA_N by rows, N at the tip per N m at the motor; not read where force_limit is HDA_UNLIMITED.
+ */
 HDA_API int hda_guard_end(hda_guard *guard, const double *raw, const double *force_map, double *torque);
 
 /* Writes the torque last sent while ticks come; latches and ramps to zero torque, a step a call, where they do not. */
