@@ -55,7 +55,12 @@ def _build_table(name: str) -> JsonSchema:
 
 def _build_joint_in_space() -> JsonSchema:
     """The schema of a joint of the long form."""
-    joint = _build_table("joint in space")
+    return _build_joint_tables("joint in space")
+
+
+def _build_joint_tables(name: str) -> JsonSchema:
+    """The schema of the keys of a joint, in either form, with the tables that both have."""
+    joint = _build_table(name)
     joint["properties"] |= {
         "drive": _build_drive(),
         "limits": _build_table("joint.limits"),
@@ -67,13 +72,7 @@ def _build_joint_in_space() -> JsonSchema:
 
 def _build_joint() -> JsonSchema:
     """The schema of [[joint]] of the short form, with what depends on its type."""
-    joint = _build_table("joint")
-    joint["properties"] |= {
-        "drive": _build_drive(),
-        "limits": _build_table("joint.limits"),
-        "sensor": _build_table("joint.sensor"),
-    }
-    joint["required"].append("drive")
+    joint = _build_joint_tables("joint")
     slides = {"properties": {"type": {"const": "prismatic"}}, "required": ["type"]}
     fixed = {"properties": {"length": _build_zero(), "inertia_about_joint": False}}
     inertia = [{"required": ["inertia"]}, {"required": ["inertia_about_joint"]}]

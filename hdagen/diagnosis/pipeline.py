@@ -69,12 +69,13 @@ def _run_stages(robot: str | Path, logs: Sequence[Log], holdout: Sequence[Log], 
         unseen = beside.submit(measure_without_effects, models, data, null.fit)
         search = search_effects(models, data, null, on_stage)
     judge = partial(_judge_search, models, data, direct, unseen.result(), on_stage)
-    search_numbers = partial(_search_wrong_numbers, models, data, judge, on_stage)
+    attempts = Attempts()
+    search_numbers = partial(_search_wrong_numbers, models, data, judge, attempts, on_stage)
     found = _judge_with_numbers(judge, search, search_numbers)
     search, checked = found.search, found.checked
     explained = explain_verdict(models, data, checked, on_stage)
 
-    failures = (*found.failures, *explained.failures)
+    failures = (*found.failures, *attempts.failures, *explained.failures)
     statement = checked.settled.statement
     result = DiagnosisResult(
         search=search,
@@ -99,8 +100,12 @@ class _JudgedSearch:
     @property
     def is_file_in_doubt(self) -> bool:
         """Whether many times the noise is left although the file is taken as right, by no contradiction of the logs."""
-        gap = self.checked.settled.deciding_gap
-        return self.checked.contradiction is None and gap["after"] > DATA.significant_noise_multiple
+        return self.checked.contradiction is None and self.leaves_much
+
+    @property
+    def leaves_much(self) -> bool:
+        """Whether its verdict leaves many times the noise of the motion that decides."""
+        return bool(self.checked.settled.deciding_gap["after"] > DATA.significant_noise_multiple)
 
     def explains_more_than(self, other: _JudgedSearch) -> bool:
         """Tell whether its verdict leaves clearly less of the motion that decides than another one, or about as little
@@ -144,7 +149,7 @@ def _judge_with_numbers(
         found = judge(search)
     except LogError:
         again = search_numbers()
-        if again is None or again.is_file_in_doubt:
+        if again is None or again.leaves_much:
             raise
         return again
     if not found.is_file_in_doubt:
@@ -154,7 +159,11 @@ def _judge_with_numbers(
 
 
 def _search_wrong_numbers(
-    models: Models, data: PreparedData, judge: Callable[[SearchResult], _JudgedSearch], on_stage: StageListener
+    models: Models,
+    data: PreparedData,
+    judge: Callable[[SearchResult], _JudgedSearch],
+    attempts: Attempts,
+    on_stage: StageListener,
 ) -> _JudgedSearch | None:
     """Search with the robot file's numbers among the causes; None where that fails."""
 
@@ -162,7 +171,7 @@ def _search_wrong_numbers(
         null = fit_null_model(models.full, data.record, with_numbers=True)
         return judge(search_effects(models, data, null, on_stage))
 
-    return Attempts().attempt("the search for wrong numbers of the robot file", search_again, None)
+    return attempts.attempt("the search for wrong numbers of the robot file", search_again, None)
 
 
 def _list_sources(logs: Sequence[Log]) -> tuple[str, ...]:

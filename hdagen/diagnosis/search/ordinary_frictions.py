@@ -26,14 +26,14 @@ LOGGER = logging.getLogger(__name__)
 
 
 def fit_ordinary_frictions(
-    regression: TorqueRegression, at: Sensitivities, words: CandidateSet, fits: Sequence[Fit]
+    regression: TorqueRegression, at: Sensitivities, candidates: CandidateSet, fits: Sequence[Fit]
 ) -> list[Fit]:
     """Fit the sets that have ordinary frictions in place of the leader's, each from its regressed sizes.
 
     Args:
         regression: the regression of the record, with the same candidates.
         at: sensitivities about the robot file's numbers.
-        words: all candidates.
+        candidates: all candidates.
         fits: the fits of the search.
 
     Returns:
@@ -44,28 +44,28 @@ def fit_ordinary_frictions(
     lead = sort_by_evidence(fits)[0]
     ended = {fit.names for fit in fits if fit.has_converged}
     near = lead.score.posterior.s
-    words = words.with_spike_scale(lead.sensitivities.candidates.spike_scale)
+    candidates = candidates.with_spike_scale(lead.sensitivities.candidates.spike_scale)
 
     def fit_set(atoms: tuple[int, ...]) -> Fit:
-        LOGGER.info("fitting %s, from the regressed torque", " + ".join(words.names_of(atoms)))
-        start = place_sizes(at, words, atoms, regression.fit_set(atoms).theta)
-        begun = start_fit(at, words, atoms, near, start)
-        return continue_fit(begun, words, SEARCH.most_further_steps, 1.0).without_columns()
+        LOGGER.info("fitting %s, from the regressed torque", " + ".join(candidates.names_of(atoms)))
+        start = place_sizes(at, candidates, atoms, regression.fit_set(atoms).theta)
+        begun = start_fit(at, candidates, atoms, near, start)
+        return continue_fit(begun, candidates, SEARCH.most_further_steps, 1.0).without_columns()
 
-    wanted = dict.fromkeys(_list_sets(words, lead))
-    return map_in_threads(fit_set, [atoms for atoms in wanted if words.names_of(atoms) not in ended])
+    wanted = dict.fromkeys(_list_sets(candidates, lead))
+    return map_in_threads(fit_set, [atoms for atoms in wanted if candidates.names_of(atoms) not in ended])
 
 
-def _list_sets(words: CandidateSet, lead: Fit) -> Iterator[tuple[int, ...]]:
+def _list_sets(candidates: CandidateSet, lead: Fit) -> Iterator[tuple[int, ...]]:
     """List the sets by places of candidates: the ordinary frictions of every joint with a friction of the leader, and
     those of all joints, each alone and beside the leader's other effects; then the largest set without one friction."""
-    known = [k for k in lead.effects if k < len(words.members)]
-    beside = [k for k in known if not words.members[k].traits.is_friction]
-    joints = {words.members[k].joint for k in known if words.members[k].traits.is_friction}
+    known = [k for k in lead.effects if k < len(candidates.members)]
+    beside = [k for k in known if not candidates.members[k].traits.is_friction]
+    joints = {candidates.members[k].joint for k in known if candidates.members[k].traits.is_friction}
     if not joints:
         return
-    every = list_ordinary_frictions(words)
-    at_joints = [k for k in every if words.members[k].joint in joints]
+    every = list_ordinary_frictions(candidates)
+    at_joints = [k for k in every if candidates.members[k].joint in joints]
     for frictions in (at_joints, every):
         yield tuple(sorted(frictions))
         yield tuple(sorted((*beside, *frictions)))
@@ -73,19 +73,19 @@ def _list_sets(words: CandidateSet, lead: Fit) -> Iterator[tuple[int, ...]]:
         yield tuple(sorted((*beside, *(k for k in every if k != one))))
 
 
-def list_ordinary_frictions(words: CandidateSet) -> list[int]:
+def list_ordinary_frictions(candidates: CandidateSet) -> list[int]:
     """List the frictions that a robot file states.
 
     Args:
-        words: all candidates.
+        candidates: all candidates.
 
     Returns:
         Places of the candidates that are frictions and whose amplitudes are all keys of the robot file.
 
     """
-    stated = {c.candidate for c in words.columns if c.in_every_hypothesis}
-    own = {c.candidate for c in words.columns if not c.in_every_hypothesis}
-    return [k for k, one in enumerate(words.members) if one.traits.is_friction and k in stated - own]
+    stated = {c.candidate for c in candidates.columns if c.in_every_hypothesis}
+    own = {c.candidate for c in candidates.columns if not c.in_every_hypothesis}
+    return [k for k, one in enumerate(candidates.members) if one.traits.is_friction and k in stated - own]
 
 
 def is_ordinary(fit: Fit) -> bool:
@@ -95,7 +95,7 @@ def is_ordinary(fit: Fit) -> bool:
         fit: the fit.
 
     """
-    words = fit.sensitivities.candidates
-    frictions = {words.members[k].name for k in fit.effects if words.members[k].traits.is_friction}
-    ordinary = {words.members[k].name for k in list_ordinary_frictions(words)}
+    candidates = fit.sensitivities.candidates
+    frictions = {candidates.members[k].name for k in fit.effects if candidates.members[k].traits.is_friction}
+    ordinary = {candidates.members[k].name for k in list_ordinary_frictions(candidates)}
     return bool(frictions) and frictions <= ordinary
