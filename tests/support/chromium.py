@@ -11,15 +11,18 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 PROGRAM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SWITCHES = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync --disable-extensions --hide-scrollbars --remote-debugging-pipe"
+    "--disable-component-update --disable-sync --disable-extensions --hide-scrollbars --disable-dev-shm-usage "
+    "--remote-debugging-pipe"
 )
+PATIENCE = 120.0  # s, for one answer: a browser that starts beside other tests may take half a minute to be read from disk
+STARTS = 3  # times a browser is started that does not answer at all
 # The browser reads commands from descriptor 3 and answers on 4.
 START = """
 import fcntl, os, sys
@@ -79,10 +82,10 @@ class Page:
         self.call("Input.dispatchMouseEvent", **where)
 
     def _read(self) -> dict[str, Any]:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + PATIENCE
         while b"\0" not in self._pending:
             if not select.select([self._from], [], [], max(0.0, deadline - time.monotonic()))[0]:
-                raise TimeoutError("the browser did not answer within 20 s")
+                raise TimeoutError(f"the browser did not answer within {PATIENCE:g} s")
             part = os.read(self._from, 1 << 20)
             if not part:
                 raise RuntimeError("the browser ended")
@@ -111,6 +114,20 @@ class Page:
 @contextmanager
 def browser() -> Iterator[Page]:
     """A tab in a Chromium with an empty profile of its own, both gone afterwards."""
+    for start in range(1, STARTS + 1):
+        with ExitStack() as stack:
+            try:
+                page = stack.enter_context(_start_browser())
+            except TimeoutError:
+                if start == STARTS:
+                    raise
+                continue
+            yield page
+        return
+
+
+@contextmanager
+def _start_browser() -> Iterator[Page]:
     assert PROGRAM is not None
     to_read, to_write = os.pipe()
     from_read, from_write = os.pipe()
