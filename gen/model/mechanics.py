@@ -133,7 +133,7 @@ def emit_dynamics(model: Model, c: Any) -> list[EmittedFunction]:
     x, u = model.x, model.u
     qs, vs = SX.sym("q", n), SX.sym("v", n)
     drives = {j: model.drive_outputs(j, model.joint_parameters(j)) for j in model.joints}
-    kinetic, potential = _arm_energy(model, drives)
+    kinetic, potential = arm_energy(model, drives)
     xc, qvc = {"x": x, "c": c}, {"q": qs, "v": vs, "c": c}
     force = SX.sym("tip_force", model.wrench.numel())
     torque = chain.newton_euler(qs, vs, a, p, chain.gravity(p), ca.vertsplit(force))
@@ -220,7 +220,17 @@ def _rotor_acceleration(own: Any, rotor: CarriedRotor | None, accelerations: Any
     return own + rotor.find_acceleration(accelerations)
 
 
-def _arm_energy(model: Model, drives: dict[int, DriveOutputs]) -> tuple[Any, Any]:
+def arm_energy(model: Model, drives: dict[int, DriveOutputs]) -> tuple[Any, Any]:
+    """Write the energy of links, rotors, springs and of a base that turns.
+
+    Args:
+        model: The model.
+        drives: The drive of each joint by its number.
+
+    Returns:
+        Kinetic and potential energy, J.
+
+    """
     motion, p = ArmMotion(model), model.chain_parameters()
     kinetic = motion.v.T @ motion.mass_matrix() @ motion.v / 2
     potential = SX(0)
