@@ -25,7 +25,7 @@ INCLUDES = '#include "hda.h"\n\n#include <math.h>\n\n'
 TEMPLATES = resources.files("gen") / "templates"
 
 
-PARTS_IN_FILE = 2  # of long functions
+PARTS_IN_FILE = 1  # of long functions
 
 
 def count_operations(f: ca.Function) -> int:

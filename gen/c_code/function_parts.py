@@ -14,7 +14,7 @@ import casadi as ca
 from gen.c_code.emitter import c_signature, emit_body, list_unused_inputs, scalar_function
 
 LONGEST_FUNCTION = 16000  # statements, from which a function is printed in parts
-LONGEST_PART = 4000  # statements of one part
+LONGEST_PART = 8000  # statements of one part
 DEFINITION = re.compile(r"const double (t\d+) = (.*);")
 VALUE = re.compile(r"\bt\d+\b")
 
