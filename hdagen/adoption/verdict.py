@@ -136,13 +136,14 @@ def _read_effects(
     return effects, unknown
 
 
-def load_with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
+def load_with_effects(robot: str | Path, profile: str, verdict: Verdict, in_space: bool = False) -> Arm:
     """Load a robot with the verdict's effects in its model, at the parameters of the robot file.
 
     Args:
         robot: A preset or the path of a robot.toml.
         profile: Profile of the build, "portable" or "native".
         verdict: The verdict.
+        in_space: Whether the caller can do with an arm whose joints stand in space.
 
     Returns:
         The arm.
@@ -151,7 +152,7 @@ def load_with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
         PlantError: The diagnosis is of another robot, the robot file has changed since, or no model can be built.
 
     """
-    arm = load(robot, profile)
+    arm = load(robot, profile, in_space=in_space)
     _check_joints(arm, verdict)
     if verdict.robot is not None:
         _check_same_robot(robot, arm, verdict.source, verdict.robot)
@@ -159,7 +160,7 @@ def load_with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
     if not added:
         return arm
     try:
-        return load(robot, profile, added)
+        return load(robot, profile, added, in_space=in_space)
     except PlantError as error:
         raise PlantError(f"{verdict.source}: no model can be built with {', '.join(added)}: {error}") from None
 
