@@ -15,6 +15,7 @@ from hdagen.adoption.diagnosis_schema import FIRST_SCHEMA, SCHEMA, upgrade_conte
 from hdagen.adoption.robot_identity import compute_robot_identity
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
+from hdagen.arm.joint_names import number_effect
 from hdagen.support.messages import show_path, show_value
 
 UNCHANGED_WIDTH_SHARE = 0.9  # posterior by prior width, from which on a log said nothing of a parameter
@@ -99,6 +100,8 @@ def read_verdict(given: str | Path | Mapping[str, Any]) -> Verdict:
             f"{source}, verdict: found {len(stated)} effects, possible are {_MOST_READ_EFFECTS}; diagnose again."
         )
         stated = []
+    if isinstance(names := content.get("joints"), list):
+        stated = [number_effect(entry, names) if isinstance(entry, str) else entry for entry in stated]
     effects, unknown = _read_effects(stated, causes, source, problems)
     base = _read_numbers(content.get("parameters", {}), f"{source}, parameters", "", problems)
     robot = _read_diagnosed_robot(content.get("robot"), source, problems)
