@@ -156,7 +156,7 @@ def load_with_effects(robot: str | Path, profile: str, verdict: Verdict, in_spac
         PlantError: The diagnosis is of another robot, the robot file has changed since, or no model can be built.
 
     """
-    arm = load(robot, profile, in_space=in_space)
+    arm = load(robot, profile)
     _check_joints(arm, verdict)
     if verdict.robot is not None:
         _check_same_robot(robot, arm, verdict.source, verdict.robot)
@@ -164,7 +164,7 @@ def load_with_effects(robot: str | Path, profile: str, verdict: Verdict, in_spac
     if not added:
         return arm
     try:
-        return load(robot, profile, added, in_space=in_space)
+        return load(robot, profile, added)
     except PlantError as error:
         raise PlantError(f"{verdict.source}: no model can be built with {', '.join(added)}: {error}") from None
 

@@ -113,14 +113,14 @@ def load_corrected_robot(
 
     """
     if diagnosis is None:
-        arm = load(robot, profile, in_space=True)
+        arm = load(robot, profile)
         return _name_joints(CorrectedRobot(robot, arm, arm), names)
     stated = verdict.read_verdict(diagnosis)
     content = diagnosis
     if not isinstance(content, Mapping):
         content = read_content(Path(content))
-    corrected, notes = verdict.apply_verdict(verdict.load_with_effects(robot, profile, stated, in_space=True), stated)
-    found = CorrectedRobot(robot, load(robot, profile, in_space=True), corrected, stated, content, tuple(notes))
+    corrected, notes = verdict.apply_verdict(verdict.load_with_effects(robot, profile, stated), stated)
+    found = CorrectedRobot(robot, load(robot, profile), corrected, stated, content, tuple(notes))
     return _name_joints(found, names)
 
 

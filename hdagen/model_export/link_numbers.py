@@ -6,7 +6,7 @@ one inertia counts about every axis.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,9 +73,7 @@ def read_joint_frame(arm: Arm, j: int) -> tuple[Frame, Vector]:
     """
     stated = arm.robot["joints"][j - 1]
     if arm.moves_in_space:
-        return Frame(_make_vector(stated["origin"]), tuple(map(float, stated["rotation"]))), _make_vector(
-            stated["axis"]
-        )
+        return Frame(_make_vector(stated["origin"]), _make_quaternion(stated["rotation"])), _make_vector(stated["axis"])
     before = arm.parameters[f"length_{j - 1}"] if j > 1 else 0.0
     axis = (1.0, 0.0, 0.0) if stated["kind"] == "prismatic" else (0.0, 0.0, 1.0)
     return Frame((before, 0.0, 0.0)), axis
@@ -115,7 +113,7 @@ def read_tip(arm: Arm) -> tuple[Frame, LinkBody]:
     payload = LinkBody(p.get(f"payload_mass_{arm.n}", 0.0), center)
     if arm.moves_in_space:
         tip = arm.robot["tip"]
-        return Frame(_make_vector(tip["origin"]), tuple(map(float, tip["rotation"]))), payload
+        return Frame(_make_vector(tip["origin"]), _make_quaternion(tip["rotation"])), payload
     return Frame((p[f"length_{arm.n}"], 0.0, 0.0)), payload
 
 
@@ -151,11 +149,19 @@ def _find_tilt(arm: Arm, tilts: list[str]) -> Array:
         return arm.with_parameters(values).evaluate("gravity_torque", q=q)["g"].ravel()
 
     level = dict.fromkeys(tilts, 0.0)
-    units = [compute_weight(level | {f"gravity_{other}": float(other == axis) for other in AXIS_NAMES}) for axis in AXIS_NAMES]
+    units = [
+        compute_weight(level | {f"gravity_{other}": float(other == axis) for other in AXIS_NAMES})
+        for axis in AXIS_NAMES
+    ]
     added = compute_weight({}) - compute_weight(level)
     return np.asarray(np.linalg.lstsq(np.stack(units, axis=1), added)[0])
 
 
-def _make_vector(values: object) -> Vector:
-    x, y, z = (float(value) for value in values)  # type: ignore[attr-defined]
+def _make_vector(values: Iterable[float]) -> Vector:
+    x, y, z = map(float, values)
     return x, y, z
+
+
+def _make_quaternion(values: Iterable[float]) -> tuple[float, float, float, float]:
+    w, x, y, z = map(float, values)
+    return w, x, y, z

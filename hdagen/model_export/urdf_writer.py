@@ -16,43 +16,59 @@ from hdagen.model_export.export_formats import Exported
 from hdagen.model_export.joint_numbers import JointNumbers, RobotNumbers, read_robot_numbers
 from hdagen.model_export.link_numbers import INERTIA_ENTRIES, NO_TURN, Frame, LinkBody
 from hdagen.model_export.mjcf_document import LEAST_INERTIA, LEAST_MASS, write_number, write_numbers
+from hdagen.model_export.mjcf_patch import is_link_number
+from hdagen.model_export.model_files import open_model_files
 from hdagen.model_export.number_changes import describe_left_out, list_number_changes
-from hdagen.support.atomic_write import write_atomically
+from hdagen.model_export.urdf_patch import NO_PLACE, patch_urdf
+from hdagen.model_import.compiled_tree import compile_tree
+from hdagen.model_import.model_file import ModelError, read_model_file
 
-_HELD_NUMBERS = ("mass", "center_of_mass", "inertia", "damping", "frictionloss", "payload")
+_HELD_NUMBERS = ("damping", "frictionloss")
 _FAR = 1e6  # rad, m, rad/s or N m, where the robot file states no limit and URDF needs one
 
 
-def write(robot: CorrectedRobot, out: Path) -> Exported:
+def write(robot: CorrectedRobot, out: Path, into: Path | None = None) -> Exported:
     """Write a robot as URDF.
 
     Args:
         robot: The robot.
         out: The file.
+        into: A URDF that the user has, whose numbers are corrected; None: a whole one is written.
 
     Returns:
         The result.
 
     Raises:
-        PlantError: The file cannot be written.
+        PlantError: The user's URDF does not fit the robot, or the file cannot be written.
 
     """
     names = robot.joint_names
     before, after = read_robot_numbers(robot.file, names), read_robot_numbers(robot.corrected, names)
     left_out = describe_left_out(robot, None, "URDF")
+    if into is not None:
+        patched = patch_urdf(into, out, before, after)
+        with open_model_files(out, patched.files) as written:
+            _check_urdf_reads(written)
+        return Exported((out,), patched.changes, left_out | patched.left_out, tuple(robot.notes))
     changes = []
     for change in list_number_changes(before, after):
-        quantity = change.where.rpartition(".")[2]
-        if any(quantity == name or quantity.startswith(f"{name}_") for name in _HELD_NUMBERS):
+        is_of_body = is_link_number(change.where) and not change.where.startswith("gravity_")
+        if is_of_body or change.where.rpartition(".")[2] in _HELD_NUMBERS:
             changes.append(change)
         else:
-            left_out[change.where] = "it has no place in URDF; export mjcf or json."
-    try:
-        write_atomically(out, _write_document(robot.file.robot["name"], after).encode())
-    except OSError as error:
-        raise PlantError(f"{out}: cannot be written ({error.strerror}); make room or name another place.") from None
+            left_out[change.where] = NO_PLACE
+    with open_model_files(out, {out: _write_document(robot.file.robot["name"], after).encode()}):
+        pass
     notes = [*robot.notes, *_list_lost_numbers(after)]
     return Exported((out,), tuple(changes), left_out, tuple(notes))
+
+
+def _check_urdf_reads(path: Path) -> None:
+    """Refuse a corrected URDF that MuJoCo does not read."""
+    try:
+        compile_tree(read_model_file(path))
+    except ModelError as error:
+        raise PlantError(f"the corrected {error}") from None
 
 
 def _list_lost_numbers(numbers: RobotNumbers) -> list[str]:
