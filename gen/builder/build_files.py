@@ -50,7 +50,7 @@ def make_manifest(made: Library, effects: tuple[Effect, ...], build: str, how: d
         "robot": describe_robot(model.robot),
         "effects": [_describe_effect(model, effect) for effect in effects],
         "numbers": [_describe_number(model, number) for number in FILE_NUMBERS],
-        "catalogue": describe_catalogue(),
+        "catalogue": describe_catalogue(model.robot.in_space),
         "state": [vars(slot) for slot in model.x_slots],
         "input": [vars(slot) for slot in model.u_slots],
         "parameters": [vars(q) for q in model.quantities],

@@ -140,13 +140,14 @@ def _read_effects(
     return effects, unknown
 
 
-def load_with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
+def load_with_effects(robot: str | Path, profile: str, verdict: Verdict, in_space: bool = False) -> Arm:
     """Load a robot with the verdict's effects in its model, at the parameters of the robot file.
 
     Args:
         robot: A preset or the path of a robot.toml.
         profile: Profile of the build, "portable" or "native".
         verdict: The verdict.
+        in_space: Whether the caller can do with an arm whose joints stand in space.
 
     Returns:
         The arm.

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from compiled import Compiled
 from replayed import SENSORS
+from uncompiled import UncompiledArm
 
 from hdagen.__main__ import main
 from hdagen.arm.build_loader import PlantError
@@ -220,10 +221,9 @@ def test_what_the_file_does_not_state_is_assumed_and_said(build: Callable[..., C
     assert {note.split()[0] for note in told.notes} == {"torque", "current"}
 
 
-def test_a_limit_told_of_one_joint_is_still_assumed_of_the_others_and_units_are_said(
-    build: Callable[..., Compiled],
-) -> None:
-    bare = Arm(build(arms.CHAINS["RPR"]).folder)
+def test_a_limit_told_of_one_joint_is_still_assumed_of_the_others_and_units_are_said(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(arms.CHAINS["RPR"])
+    bare = UncompiledArm(tmp_path / "robot.toml")
     assumed = dict(
         note.removesuffix(" is assumed.").split(": no limit is stated; ") for note in narrow_limits(bare).notes
     )
