@@ -133,7 +133,9 @@ def test_the_motion_is_lagranges(kind: str) -> None:
     c = made.constants(**dict.fromkeys(LOSSLESS, 0.0), bias=0.0)
     f, model = made.functions, made.model
     x, u = ca.SX.sym("x", len(made.states)), ca.SX.sym("u", len(model.u_slots))
-    places = entries(made, "motor_position", "joint_position") + [made.states.index(f"base_moment_{k}_1") for k in "xyz"]
+    places = entries(made, "motor_position", "joint_position") + [
+        made.states.index(f"base_moment_{k}_1") for k in "xyz"
+    ]
     speeds = entries(made, "motor_velocity", "joint_velocity") + entries(made, "base_moment_rate")
     kinetic, potential = f["energy"](x, c)
     rate = f["rhs"](x, u, c)
@@ -248,7 +250,9 @@ def test_derivatives_are_difference_quotients(kind: str) -> None:
     ]
     for ours, theirs in zip(found, expected, strict=True):
         scale = np.maximum(np.abs(theirs), 1e-6 * np.abs(theirs).max(axis=0, keepdims=True) + 1e-9)
-        assert (np.abs(ours - theirs) / scale).max() < 1e-2 and np.abs(ours - theirs).max() < 1e-6 * np.abs(theirs).max()
+        assert (np.abs(ours - theirs) / scale).max() < 1e-2 and np.abs(ours - theirs).max() < 1e-6 * np.abs(
+            theirs
+        ).max()
 
 
 @pytest.mark.parametrize("name", OURS)
@@ -331,5 +335,3 @@ def test_a_flexible_arm_moves_as_in_mujocos_runge_kutta(build: Callable[..., Com
     scale = np.abs(x[:, moving]).max(axis=0)
     assert scale.min() > 0.05, "an arm that hardly moves compares nothing"
     assert (np.abs(x[:, moving] - np.array(theirs)) / scale).max() < 1e-8
-
-
