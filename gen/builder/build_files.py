@@ -50,7 +50,7 @@ def make_manifest(made: Library, effects: tuple[Effect, ...], build: str, how: d
         "robot": describe_robot(model.robot),
         "effects": [_describe_effect(model, effect) for effect in effects],
         "numbers": [_describe_number(model, number) for number in FILE_NUMBERS],
-        "catalogue": describe_catalogue(),
+        "catalogue": describe_catalogue(model.robot.in_space),
         "state": [vars(slot) for slot in model.x_slots],
         "input": [vars(slot) for slot in model.u_slots],
         "parameters": [vars(q) for q in model.quantities],
@@ -77,9 +77,17 @@ def _describe_effect(model: Model, effect: Effect) -> dict[str, Any]:
 
 
 def _describe_number(model: Model, number: FileNumber) -> dict[str, Any]:
-    joints = [q.joint for q in model.quantities if q.effect == number.name]
-    shape: dict[str, list[str]] = {"states": [], "shapes": []}
-    return {"name": number.name, "place": number.place, "joints": joints, "amplitudes": [number.name], **shape}
+    own = [q for q in model.quantities if q.effect == number.name]
+    joints = [*dict.fromkeys(q.joint for q in own)]
+    amplitudes = [*dict.fromkeys(q.name.removesuffix(f"_{q.joint}") for q in own)] or [number.name]
+    return {
+        "name": number.name,
+        "place": number.place,
+        "joints": joints,
+        "amplitudes": amplitudes,
+        "states": [],
+        "shapes": [],
+    }
 
 
 def _describe_function(function: EmittedFunction) -> dict[str, Any]:

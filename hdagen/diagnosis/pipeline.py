@@ -140,7 +140,7 @@ def _judge_search(
 def _judge_with_numbers(
     judge: Callable[[SearchResult], _JudgedSearch],
     search: SearchResult,
-    search_numbers: Callable[[], _JudgedSearch | None],
+    search_numbers: Callable[[Sequence[str] | None], _JudgedSearch | None],
 ) -> _JudgedSearch:
     """Judge a search that takes the robot file as right, and another with the file's numbers among the causes where the
     first leaves much: what clearly leaves less of unseen motion stands. Where the file seems to be another machine's,
@@ -148,13 +148,13 @@ def _judge_with_numbers(
     try:
         found = judge(search)
     except LogError:
-        again = search_numbers()
+        again = search_numbers(None)
         if again is None or again.leaves_much:
             raise
         return again
     if not found.is_file_in_doubt:
         return found
-    again = search_numbers()
+    again = search_numbers(found.verdict)
     return again if again and again.explains_more_than(found) else found
 
 
@@ -164,12 +164,16 @@ def _search_wrong_numbers(
     judge: Callable[[SearchResult], _JudgedSearch],
     attempts: Attempts,
     on_stage: StageListener,
+    verdict: Sequence[str] | None,
 ) -> _JudgedSearch | None:
-    """Search with the robot file's numbers among the causes; None where that fails."""
+    """Search with the robot file's numbers among the causes; None where that fails. Springs in rigid joints, which take
+    most of the time, are searched again only where they stand in the first verdict, or where there was none."""
+    springs = {name for name, traits in models.full.effects.items() if traits.series_spring}
+    may_have_springs = verdict is None or any(name.partition("@")[0] in springs for name in verdict)
 
     def search_again() -> _JudgedSearch:
         null = fit_null_model(models.full, data.record, with_numbers=True)
-        return judge(search_effects(models, data, null, on_stage))
+        return judge(search_effects(models, data, null, on_stage, may_have_springs))
 
     return attempts.attempt("the search for wrong numbers of the robot file", search_again, None)
 

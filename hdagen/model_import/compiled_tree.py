@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 JOINT_KINDS = {0: "free", 1: "ball", 2: "prismatic", 3: "revolute"}  # mjtJoint
 TENSOR_ERROR = 1e-9  # of the largest entry, by which principal axes may differ from the six numbers
 PLACEHOLDER = 1e-6  # kg and kg m² of a moving body without mass, which MuJoCo refuses; taken off again
+NO_LIMIT = 1e6  # from here on a limit stands for none: URDF demands one of every joint
 NO_MUJOCO = "pip install 'hdagen[mujoco]'"
 
 
@@ -292,9 +293,10 @@ def _read_joint(
     limit, servo = forces.get(name, (None, False))
     if model.jnt_actfrclimited[k]:
         stated = float(np.abs(model.jnt_actfrcrange[k]).min())
-        limit = min(stated, limit or stated) or None
+        if stated < NO_LIMIT:
+            limit = min(stated, limit or stated) or None
     bounds = None
-    if model.jnt_limited[k]:
+    if model.jnt_limited[k] and np.abs(model.jnt_range[k]).max() < NO_LIMIT:
         bounds = (float(model.jnt_range[k][0]), float(model.jnt_range[k][1]))
     damping = np.atleast_1d(model.dof_damping[first])
     reference = 0.0
@@ -327,5 +329,5 @@ def _find_speed(file: ModelFile, name: str) -> float | None:
                 speed = float(limit.get("velocity", "0"))
             except ValueError:
                 return None
-            return speed if 0 < speed < np.inf else None
+            return speed if 0 < speed < NO_LIMIT else None
     return None

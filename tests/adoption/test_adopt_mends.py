@@ -18,7 +18,7 @@ from hdagen.adoption.robot_identity import compute_robot_identity
 from hdagen.adoption.robot_update import AdoptedRobot, adopt
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.held_out_rows import name_rows
 from hdagen.diagnosis.data.split import split_logs
 from hdagen.log.measured_log import write

@@ -11,7 +11,7 @@ from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, multiples, simulated, 
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log

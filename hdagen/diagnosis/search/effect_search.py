@@ -16,7 +16,9 @@ from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.diagnosis.stages.stage import StageListener
 
 
-def search_effects(models: Models, data: PreparedData, null: NullModel, on_stage: StageListener) -> SearchResult:
+def search_effects(
+    models: Models, data: PreparedData, null: NullModel, on_stage: StageListener, may_have_springs: bool = True
+) -> SearchResult:
     """Search the effects that explain a record, and springs in joints that the robot file calls rigid.
 
     Args:
@@ -24,6 +26,7 @@ def search_effects(models: Models, data: PreparedData, null: NullModel, on_stage
         data: with the record.
         null: the fitted null model, with all candidates.
         on_stage: receives each stage as it begins.
+        may_have_springs: whether springs are searched in joints that the robot file calls rigid.
 
     Returns:
         The fits, and the screening. The search for springs is left out where it fails.
@@ -31,8 +34,9 @@ def search_effects(models: Models, data: PreparedData, null: NullModel, on_stage
     """
     attempts = Attempts()
     found = search_hypotheses(null.shooting, null.candidates, on_stage)
-    search = partial(compare_with_springs, models.robot, models.full, data.record, data.window, found, on_stage)
-    found = attempts.attempt("a spring in what the robot file calls rigid", search, found)
+    if may_have_springs:
+        search = partial(compare_with_springs, models.robot, models.full, data.record, data.window, found, on_stage)
+        found = attempts.attempt("a spring in what the robot file calls rigid", search, found)
     simulators = {id(one): one for fit in found.fits if (one := fit.sensitivities.shooting)}.values()
     return replace(found, failures=(*attempts.failures, *describe_failed_simulations(simulators)))
 

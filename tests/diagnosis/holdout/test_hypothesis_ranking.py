@@ -12,7 +12,7 @@ from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.posterior import Hypothesis

@@ -11,7 +11,7 @@ from replayed import FLEXIBLE, simulated
 
 from hdagen.adoption.verdict import apply_verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict
