@@ -12,7 +12,7 @@ import arms
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import SENSORS
+from replayed import ONE
 from uncompiled import UncompiledArm
 
 from hdagen.__main__ import main
@@ -39,15 +39,6 @@ from hdagen.log.data_table import read_parquet
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import run
 
-LIMITS = """torque_constant = 0.05
-max_current = 10.0
-[joint.limits]
-position = [-1.5, 1.5]
-speed = 2.0
-torque = 60.0
-motor_torque_rate = 50.0
-"""
-ONE = arms.arm("R", name="one joint", drive=LIMITS + SENSORS)
 SECONDS = 3.0
 MIXED, SLOW = "multisine, reversals, holds", "slow reversals of falling amplitude"
 TYPICAL = {  # usual sizes by effect, as the robot's numbers and the effects' sources give them

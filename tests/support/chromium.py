@@ -179,10 +179,13 @@ def browser() -> Iterator[Page]:
     page = _open_page()
     try:
         yield page
-        page.close()
     except BaseException:
         close_browser()
         raise
+    try:
+        page.close()
+    except (TimeoutError, RuntimeError, OSError):
+        close_browser()
 
 
 def close_browser() -> None:
