@@ -20,6 +20,7 @@ from hdagen.diagnosis.explanation import explain_verdict
 from hdagen.diagnosis.holdout.long_window_prediction import predict_long_windows
 from hdagen.diagnosis.holdout.small_effects import is_gap_alike
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion, measure_without_effects
+from hdagen.diagnosis.holdout.verdict_withdrawal import is_at_bound
 from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
 from hdagen.diagnosis.search.effect_search import search_effects
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
@@ -91,11 +92,12 @@ def _run_stages(robot: str | Path, logs: Sequence[Log], holdout: Sequence[Log], 
 
 @dataclass(frozen=True, eq=False)
 class _JudgedSearch:
-    """A search with its check on held-out motion."""
+    """A search with its check on held-out motion; ``numbers`` are the candidates that are numbers of the robot file."""
 
     search: SearchResult
     checked: CheckedVerdict
     failures: tuple[str, ...]
+    numbers: frozenset[str]
 
     @property
     def is_file_in_doubt(self) -> bool:
@@ -107,9 +109,13 @@ class _JudgedSearch:
         """Whether its verdict leaves many times the noise of the motion that decides."""
         return bool(self.checked.settled.deciding_gap["after"] > DATA.significant_noise_multiple)
 
-    def explains_more_than(self, other: _JudgedSearch) -> bool:
-        """Tell whether its verdict leaves clearly less of the motion that decides than another one, or about as little
-        with fewer effects."""
+    def corrects(self, other: _JudgedSearch) -> bool:
+        """Tell whether its verdict has wrong numbers of the file, none at an end of its range, and leaves clearly less of
+        the motion that decides than another verdict, or about as little with fewer effects."""
+        if self.numbers.isdisjoint(self.verdict) or is_at_bound(
+            self.verdict, self.checked.settled.statement.stated.causes
+        ):
+            return False
         gap, theirs = self.checked.settled.deciding_gap, other.checked.settled.deciding_gap
         if not is_gap_alike(gap, theirs):
             return bool(gap["after"] < theirs["after"])
@@ -134,7 +140,10 @@ def _judge_search(
     prediction = predict_long_windows(search, data)
     scores = score_hypotheses(search, prediction.log_odds)
     checked = check_on_holdout(models, data, search, scores, direct, unseen, on_stage)
-    return _JudgedSearch(search, checked, (*search.failures, *prediction.failures, *checked.failures))
+    keys = {number["name"] for number in models.full.manifest["numbers"]}
+    numbers = (one.name for one in search.candidates.members if one.is_number or one.traits.name in keys)
+    failures = (*search.failures, *prediction.failures, *checked.failures)
+    return _JudgedSearch(search, checked, failures, frozenset(numbers))
 
 
 def _judge_with_numbers(
@@ -155,7 +164,7 @@ def _judge_with_numbers(
     if not found.is_file_in_doubt:
         return found
     again = search_numbers(found.verdict)
-    return again if again and again.explains_more_than(found) else found
+    return again if again and again.corrects(found) else found
 
 
 def _search_wrong_numbers(
