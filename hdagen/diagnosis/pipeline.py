@@ -110,8 +110,8 @@ class _JudgedSearch:
         return bool(self.checked.settled.deciding_gap["after"] > DATA.significant_noise_multiple)
 
     def corrects(self, other: _JudgedSearch) -> bool:
-        """Tell whether its verdict has wrong numbers of the file, none at an end of its range, and leaves clearly less of
-        the motion that decides than another verdict, or about as little with fewer effects."""
+        """Tell whether its verdict has wrong numbers of the file, none at an end of its range, and clearly leaves less
+        of the motion that decides than another verdict, or about as little with fewer effects."""
         if self.numbers.isdisjoint(self.verdict) or is_at_bound(
             self.verdict, self.checked.settled.statement.stated.causes
         ):
