@@ -12,6 +12,7 @@ from typing import Any, TypeGuard
 
 from hdagen.adoption.diagnosis_file import is_finite, read_content
 from hdagen.adoption.diagnosis_schema import FIRST_SCHEMA, SCHEMA, upgrade_content
+from hdagen.adoption.link_inertia import make_inertias_possible
 from hdagen.adoption.robot_identity import compute_robot_identity
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
@@ -224,7 +225,9 @@ def apply_verdict(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
             notes.append(f"{name}: {value:.6g} {q.unit} is not within {span} and is taken as {values[name]:.6g}.")
     changed = arm.with_parameters(arm.p)
     changed.parameters.update(values)
-    return changed, notes
+    possible, said = make_inertias_possible(changed)
+    changed.parameters.update(possible)
+    return changed, [*notes, *said]
 
 
 def is_uninformed(moved: float, std: float, prior: float) -> bool:

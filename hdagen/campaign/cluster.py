@@ -17,6 +17,23 @@ if TYPE_CHECKING:
 
 ANSWER_SECONDS = 10.0  # s in which a scheduler must answer
 _LOCAL_ADDRESS = "127.0.0.1"
+_SETTINGS: dict[str, Any] = {
+    **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},  # a kill is the limit
+    "distributed.admin.large-graph-warning-threshold": "1TB",  # logs travel in their task
+    "distributed.worker.memory.monitor-interval": "200ms",
+    # What Dask does on its own while tasks run, which takes 3 % of a processor on each worker:
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.tick.limit": "1h",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.admin.system-monitor.disk": False,
+    "distributed.scheduler.work-stealing": False,  # this side chooses the worker
+    "distributed.scheduler.active-memory-manager.start": False,
+    # What Dask remembers of tasks that have ended:
+    "distributed.admin.low-level-log-length": 10,
+    "distributed.admin.system-monitor.log-length": 10,
+    "distributed.diagnostics.computations.max-history": 1,
+}
 
 
 @contextmanager
@@ -56,11 +73,7 @@ def _configure_dask() -> Iterator[None]:
     import dask
     import distributed  # noqa: F401 (registers settings and loggers)
 
-    settings: dict[str, Any] = {
-        **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},  # a kill is the limit
-        "distributed.admin.large-graph-warning-threshold": "1TB",  # logs travel in their task
-        "distributed.admin.system-monitor.disk": False,
-    }
+    settings = dict(_SETTINGS)
     if not _has_dashboard():
         settings["distributed.scheduler.http.routes"] = []
     silent = logging.CRITICAL + 1
