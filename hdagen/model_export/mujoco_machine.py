@@ -268,8 +268,8 @@ class MujocoMachine:
             if push.any():
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
-                wrench, (body, place) = np.zeros(6), self.tip
+                wrench, (body, offset) = np.zeros(6), self.tip
                 wrench[: push.size] = push
-                point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ place
+                point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ offset
                 mujoco.mj_applyFT(model, data, wrench[:3], wrench[3:], point, body, data.qfrc_applied)
         mujoco.mj_step(model, data, nstep=max(1, round(seconds / model.opt.timestep)))

@@ -3,6 +3,7 @@ changed at amplitude 0."""
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Callable
 from functools import cache
@@ -30,7 +31,6 @@ from gen.robot.load_robot import from_table
 PLAN = harmonic_drive.plan_inverse
 OURS = ("payload", "rotor_coupling", "gravity_tilt", "link_flexibility", "base_compliance")
 LOSSLESS = ("viscous_friction", "coulomb_friction", "torsional_damping", "base_damping", "link_damping")
-LEVEL = {"gravity = [": "gravity = [0.0, 0.0, -9.81] # ["}
 CHAINS = {"rigid": ("RRP", None), "springs": ("RPR", robots.LINEAR)}
 ON = {
     "payload_mass": 0.7,
@@ -50,7 +50,8 @@ ON = {
 def text(kind: str) -> str:
     """The robot's text, with gravity along −z."""
     kinds, springs = CHAINS[kind]
-    return space_robots.chain(kinds, 5, springs=springs).replace(*next(iter(LEVEL.items())))
+    made = space_robots.chain(kinds, 5, springs=springs).replace("gravity = [", "gravity = [0.0, 0.0, -9.81] # [")
+    return re.sub(r"viscous_friction = \S+", f"viscous_friction = {0.2 if springs is None else 1e-3}", made)
 
 
 def effects(*names: str) -> tuple[Effect, ...]:
@@ -133,7 +134,9 @@ def test_the_motion_is_lagranges(kind: str) -> None:
     c = made.constants(**dict.fromkeys(LOSSLESS, 0.0), bias=0.0)
     f, model = made.functions, made.model
     x, u = ca.SX.sym("x", len(made.states)), ca.SX.sym("u", len(model.u_slots))
-    places = entries(made, "motor_position", "joint_position") + [made.states.index(f"base_moment_{k}_1") for k in "xyz"]
+    places = entries(made, "motor_position", "joint_position") + [
+        made.states.index(f"base_moment_{k}_1") for k in "xyz"
+    ]
     speeds = entries(made, "motor_velocity", "joint_velocity") + entries(made, "base_moment_rate")
     kinetic, potential = f["energy"](x, c)
     rate = f["rhs"](x, u, c)
@@ -172,7 +175,7 @@ def test_rotors_are_gyroscopes() -> None:
 STATED = (
     robots.effect("payload", 3, **{key: ON[key] for key in ("payload_mass", "payload_x", "payload_y", "payload_z")})
     + robots.effect("gravity_tilt", 0, tilt_roll=0.2, tilt_pitch=-0.3)
-    + "".join(robots.effect("rotor_coupling", j, coupling=1.0 - 2.0 * (j == 2)) for j in (1, 2, 3))
+    + "".join(robots.effect("rotor_coupling", j, coupling=2.0 * j - 5.0) for j in (2, 3))
     + robots.effect("base_compliance", 1, base_compliance=8e-5, base_frequency=150.0, base_damping=0.05)
 )
 
@@ -184,7 +187,8 @@ def test_forward_dynamics_agree_with_mujoco(kind: str) -> None:
     made = arm(kind, "payload", "gravity_tilt", "base_compliance", *riding)
     x, u = made.draw(200)
     values = {q.name: ON.get(q.name.removesuffix(f"_{q.joint}"), q.nominal) for q in made.model.quantities}
-    values |= {name: 0.0 for name in values if name.startswith("bias")} | {"coupling_2": -1.0, "base_damping_1": 0.05}
+    values |= {name: 0.0 for name in values if name.startswith("bias")}
+    values |= {"coupling_1": 0.0, "coupling_2": -1.0, "base_damping_1": 0.05}
     c = made.functions["prepare"]([values[name] for name in made.parameters])
     ours = np.array(made.functions["rhs"].map(200)(x, u, ca.repmat(c, 1, 200)))
     reference = SpatialMuJoCo(text(kind) + STATED)
@@ -232,23 +236,25 @@ def test_derivatives_are_difference_quotients(kind: str) -> None:
     c = f["prepare"](p)
     found = [np.array(part).reshape(-1, x.size).T for part in f["rhs_jacobian"](x, u, c)]
 
-    def by(at: Floats, rate: Callable[[Floats], Any]) -> Floats:
-        columns = []
-        for k in range(at.size):
-            e = np.zeros(at.size)
-            e[k] = 1e-5 * max(abs(at[k]), 1e-3)
+    def by(at: Floats, rate: Callable[[Floats], Any]) -> tuple[Floats, Floats]:
+        """Differences of order four, and what rounding may do to them."""
+        columns, steps = [], 1e-5 * np.maximum(np.abs(at), 1e-3)
+        for e in np.diag(steps):
             far, near = (np.array(rate(at + s * e) - rate(at - s * e)).ravel() for s in (2, 1))
-            columns.append((8 * near - far) / (12 * e[k]))
-        return np.column_stack(columns)
+            columns.append((8 * near - far) / 12)
+        here, beside = (np.array(rate(at * factor)).ravel() for factor in (1.0, 1 + 4e-15))
+        noise = 3 * (np.abs(beside - here) + 1e-15 * np.abs(here))
+        return np.column_stack(columns) / steps, noise[:, None] / steps
 
     expected = [
         by(x, lambda at: f["rhs"](at, u, c)),
         by(u, lambda at: f["rhs"](x, at, c)),
         by(p, lambda at: f["rhs"](x, u, f["prepare"](at))),
     ]
-    for ours, theirs in zip(found, expected, strict=True):
-        scale = np.maximum(np.abs(theirs), 1e-6 * np.abs(theirs).max(axis=0, keepdims=True) + 1e-9)
-        assert (np.abs(ours - theirs) / scale).max() < 1e-2 and np.abs(ours - theirs).max() < 1e-6 * np.abs(theirs).max()
+    for ours, (theirs, noise) in zip(found, expected, strict=True):
+        assert np.abs(theirs).max() > 1.0
+        assert (np.abs(ours - theirs) <= 1e-6 * np.abs(theirs).max(axis=1, keepdims=True) + noise).all()
+        assert (np.abs(ours - theirs) <= 1e-4 * np.abs(theirs).max(axis=0) + 10 * noise).all()
 
 
 @pytest.mark.parametrize("name", OURS)
@@ -318,7 +324,7 @@ def test_a_flexible_arm_moves_as_in_mujocos_runge_kutta(build: Callable[..., Com
     robot = text("springs") + STATED
     made, reference = build(robot), SpatialMuJoCo(robot, 0.0005)
     t = np.arange(0.0, 0.5, 0.01)
-    u = np.hstack([0.4 * np.column_stack([np.sin(6 * t), np.cos(9 * t), np.sin(4 * t)]), np.zeros((t.size, 6))])
+    u = np.hstack([0.5 * np.column_stack([np.sin(6 * t), np.cos(9 * t), np.sin(4 * t)]), np.zeros((t.size, 6))])
     x = made.rollout(np.zeros(len(made.states)), u, made.prepare(), 0.01, 0.0005)
     moving = [k for k, name in enumerate(made.states) if name.startswith(("motor_", "joint_"))]
     reference.place(np.zeros(len(moving)), u[0])
@@ -330,6 +336,6 @@ def test_a_flexible_arm_moves_as_in_mujocos_runge_kutta(build: Callable[..., Com
         theirs.append(np.concatenate([reference.data.qpos[reference.order], reference.data.qvel[reference.order]]))
     scale = np.abs(x[:, moving]).max(axis=0)
     assert scale.min() > 0.05, "an arm that hardly moves compares nothing"
-    assert (np.abs(x[:, moving] - np.array(theirs)) / scale).max() < 1e-8
+    assert (np.abs(x[:, moving] - np.array(theirs)) / scale).max() < 1e-7  # ours stiffens by 4e-8 at the law's torque
 
 

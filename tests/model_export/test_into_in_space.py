@@ -146,7 +146,7 @@ def test_a_payload_becomes_part_of_the_last_link(model: Path) -> None:
     assert not write_mjcf(robot, out, into=model).left_out
     after, tip = read_numbers(out, "finger"), np.array(robot.file.robot["tip"]["origin"])
     assert after["mass_3"] == pytest.approx(before["mass_3"] + 0.5)
-    place = tip + [0.03, 0, 0]  # of the payload; the tip is not turned
+    place = tip + np.array([0.03, 0.0, 0.0])  # of the payload; the tip is not turned
     for axis, x in zip("xyz", place, strict=True):
         name = f"center_of_mass_{axis}_3"
         assert after["mass_3"] * after[name] == pytest.approx(before["mass_3"] * before[name] + 0.5 * x, abs=1e-12)
