@@ -21,7 +21,9 @@ SWITCHES = (
     "--disable-component-update --disable-sync --disable-extensions --hide-scrollbars --disable-dev-shm-usage "
     "--remote-debugging-pipe"
 )
-PATIENCE = 120.0  # s, for one answer: a browser that starts beside other tests may take half a minute to be read from disk
+PATIENCE = (
+    120.0  # s, for one answer: a browser that starts beside other tests may take half a minute to be read from disk
+)
 STARTS = 3  # times a browser is started that does not answer at all
 # The browser reads commands from descriptor 3 and answers on 4.
 START = """

@@ -52,7 +52,10 @@ def compare_with_springs(
         PlantError: the model cannot be loaded.
 
     """
-    if len(arm.manifest["flexible"]) == arm.n:
+    budget = found.fits[0].sensitivities.shooting.budget
+    if len(arm.manifest["flexible"]) == arm.n or budget.is_left_out(
+        "springs in joints that the robot file calls rigid"
+    ):
         return found
     springs = [name for name, traits in arm.effects.items() if traits.series_spring]
     flexible = load(robot, "native", ("all", *springs))
@@ -62,7 +65,7 @@ def compare_with_springs(
     _narrow_spring_bounds(flexible)
     on_stage(Stage.SPRINGS)
     shooting = MultipleShooting(
-        flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SEARCH.spring_step
+        flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SEARCH.spring_step, budget
     )
     candidates = build_candidates(
         flexible,
