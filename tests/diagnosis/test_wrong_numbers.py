@@ -46,7 +46,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-def move_arm(robot: Path, factors: Mapping[str, float], seconds: float = 6.0) -> Log:
+def move_arm(robot: Path, factors: Mapping[str, float], seconds: float = 4.0) -> Log:
     """A log of the machine whose numbers are the file's times ``factors``."""
     arm = load(robot)
     arm.parameters.update({name: factor * arm.parameters[name] for name, factor in factors.items()})
