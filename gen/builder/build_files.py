@@ -81,9 +81,17 @@ def _describe_effect(model: Model, effect: Effect) -> dict[str, Any]:
 
 
 def _describe_number(model: Model, number: FileNumber) -> dict[str, Any]:
-    joints = [q.joint for q in model.quantities if q.effect == number.name]
-    shape: dict[str, list[str]] = {"states": [], "shapes": []}
-    return {"name": number.name, "place": number.place, "joints": joints, "amplitudes": [number.name], **shape}
+    own = [q for q in model.quantities if q.effect == number.name]
+    joints = [*dict.fromkeys(q.joint for q in own)]
+    amplitudes = [*dict.fromkeys(q.name.removesuffix(f"_{q.joint}") for q in own)] or [number.name]
+    return {
+        "name": number.name,
+        "place": number.place,
+        "joints": joints,
+        "amplitudes": amplitudes,
+        "states": [],
+        "shapes": [],
+    }
 
 
 def _describe_function(function: EmittedFunction) -> dict[str, Any]:

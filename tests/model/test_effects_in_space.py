@@ -138,7 +138,9 @@ def test_the_motion_is_lagranges(kind: str) -> None:
     c = made.constants(**dict.fromkeys(LOSSLESS, 0.0), bias=0.0)
     f, model = made.functions, made.model
     x, u = ca.SX.sym("x", len(made.states)), ca.SX.sym("u", len(model.u_slots))
-    places = entries(made, "motor_position", "joint_position") + [made.states.index(f"base_moment_{k}_1") for k in "xyz"]
+    places = entries(made, "motor_position", "joint_position") + [
+        made.states.index(f"base_moment_{k}_1") for k in "xyz"
+    ]
     speeds = entries(made, "motor_velocity", "joint_velocity") + entries(made, "base_moment_rate")
     kinetic, potential = f["energy"](x, c)
     rate = f["rhs"](x, u, c)
