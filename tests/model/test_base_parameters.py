@@ -44,7 +44,8 @@ def urdf(robot: str) -> str:
     return import_model(str(find_urdf(robot)), ChainRequest(tip=URDFS[robot][1])).text
 
 
-KNOWN = {  # 7 n − 4 β, less 2 where the first axis is vertical; β joints from the base on are parallel (Mayeda et al. 1990)
+# 7 n − 4 β, less 2 where the first axis is upright; β joints from the base on are parallel (Mayeda et al. 1990)
+KNOWN = {
     "one joint across gravity": (lambda: flat(1, "[0.0, -9.81, 0.0]"), 3),
     "three parallel joints across gravity": (lambda: flat(3, "[0.0, -9.81, 0.0]"), 9),
     "three parallel upright joints": (lambda: flat(3, "[0.0, 0.0, -9.81]"), 7),
