@@ -421,7 +421,7 @@ NO_SETTINGS = {  # module-level numbers of the diagnosis and of predictions that
     "_MOST_FILTER_SAMPLES": "limit of a file's value",
     "WORKSPACE_BYTES": "limit of memory",
 }
-ONE_A_FILE = {"EFFECT", "LOGGER"}  # by design: every effect's file, and every file that logs, has its own
+ONE_A_FILE = {"EFFECT", "PLANE_FORM", "LOGGER"}  # by design: every effect has its own, and every file that logs
 
 
 def assigned_constants(path: Path) -> Iterator[tuple[str, ast.expr]]:
