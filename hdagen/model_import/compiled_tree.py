@@ -137,14 +137,15 @@ def compile_tree(file: ModelFile) -> Tree:
     forces = _find_actuators(spec)
     coupled, looped = _find_equations(spec)
     tensors = {body.name: _read_tensor(mujoco, body) for body in spec.bodies if body.name}
-    weightless = _strip_geometry(spec, file)
     try:
+        weightless = _strip_geometry(spec, file)
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             model = spec.compile()
     except (ValueError, RuntimeError) as error:
         raise ModelError(f"{file.label}: MuJoCo refuses it ({_first_line(error)}); correct it there.") from None
     notes += [f"MuJoCo says: {_first_line(one.message)}" for one in told]
+    _check_finite(model, file)
     bodies = []
     for index in range(model.nbody):
         body = model.body(index)
@@ -168,6 +169,21 @@ def compile_tree(file: ModelFile) -> Tree:
         loop = body.name in looped
         bodies.append(TreeBody(body.name, parent, place, turned, weight, center, inertia, joints, sites, loop))
     return Tree(spec.modelname, model.opt.gravity.copy(), not file.is_urdf, tuple(bodies), tuple(notes))
+
+
+def _check_finite(model: Any, file: ModelFile) -> None:
+    """Refuse a model with numbers that are not finite, at the first body or joint that has one."""
+    of_bodies = ("body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia")
+    of_joints = ("jnt_pos", "jnt_axis", "jnt_range", "jnt_actfrcrange")
+    for kind, count, names in (("body", model.nbody, of_bodies), ("joint", model.njnt, of_joints)):
+        for k in range(count):
+            if not all(np.isfinite(getattr(model, name)[k]).all() for name in names):
+                raise ModelError(
+                    f"{file.label}, {kind} {getattr(model, kind)(k).name}: found NaN or infinity, possible are numbers;"
+                    " correct it."
+                )
+    if not all(np.isfinite(part).all() for part in (model.qpos0, model.opt.gravity)):
+        raise ModelError(f"{file.label}: found NaN or infinity in <option> or ref, possible are numbers; correct it.")
 
 
 def _first_line(error: Exception | str) -> str:
@@ -241,6 +257,11 @@ def _strip_geometry(spec: Any, file: ModelFile) -> set[str]:
     for number, body in enumerate(spec.bodies):
         body.name = body.name or f"body_{number}"
         states = bool(body.explicitinertial) and not always
+        if states and body.mass < 0:
+            raise ModelError(
+                f"{file.label}, body {body.name}: found the mass {body.mass:g} kg, possible are numbers from 0;"
+                " correct <inertial>."
+            )
         uses_geometry = not states and (always or automatic) and not file.is_urdf and _moves(body, spec.worldbody)
         shapes = [geom for geom in body.geoms if uses_geometry and _has_weight(geom)]
         if any(geom.type.name in ("mjGEOM_MESH", "mjGEOM_SDF", "mjGEOM_HFIELD") for geom in shapes):
