@@ -10,7 +10,8 @@ import casadi as ca
 
 from gen.builder.effect_description import describe_catalogue
 from gen.c_code import headers, vectorized_closed_loop, vectorized_dynamics
-from gen.c_code.emitter import emit_preparation, scalar_function
+from gen.c_code.emitter import emit_preparation
+from gen.c_code.function_parts import emit_function
 from gen.effects.effect import Effect
 from gen.effects.file_numbers import FILE_NUMBERS, FileNumber
 from gen.model.arm_model import Model
@@ -22,6 +23,9 @@ from gen.robot.description import describe_robot
 
 INCLUDES = '#include "hda.h"\n\n#include <math.h>\n\n'
 TEMPLATES = resources.files("gen") / "templates"
+
+
+PARTS_IN_FILE = 2  # of long functions
 
 
 def count_operations(f: ca.Function) -> int:
@@ -110,6 +114,16 @@ def _has_parameter(model: Model, key: str) -> bool:
     return any(q.name in (key, f"{key}_{q.joint}") for q in model.quantities)
 
 
+def _print_group(file: str, printed: list[tuple[str, list[str]]]) -> dict[str, str]:
+    """A file of functions, and numbered ones beside it of the parts of long functions."""
+    files = {file: INCLUDES + "\n".join(text for text, _ in printed)}
+    parts = [part for _, own in printed for part in own]
+    for k in range(0, len(parts), PARTS_IN_FILE):
+        name = file.replace(".c", f"_{k // PARTS_IN_FILE + 1}.c")
+        files[name] = INCLUDES + "\n".join(parts[k : k + PARTS_IN_FILE])
+    return files
+
+
 def make_files(
     made: Library,
     effects: tuple[Effect, ...],
@@ -162,7 +176,7 @@ def make_files(
     }
     files["hda_prepare.c"] = INCLUDES + emit_preparation(graphs.preparation)
     for file, group in groups.items():
-        files[file] = INCLUDES + "\n".join(scalar_function(f.graph, f.name) for f in group)
+        files |= _print_group(file, [emit_function(f.graph, f.name) for f in group])
     if lanes:
         files["hda_native.c"] = vectorized_dynamics.emit_native(graphs)
         files["hda_batch_rhs.h"] = vectorized_dynamics.emit_batch(graphs)

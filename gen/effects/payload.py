@@ -43,7 +43,5 @@ PLANE_FORM = Effect(
 )
 EFFECT = replace(
     PLANE_FORM,
-    space_form=replace(
-        PLANE_FORM, parameters=(MASS, *map(_center_along, "xyz")), equation=compute_placed_mass
-    ),
+    space_form=replace(PLANE_FORM, parameters=(MASS, *map(_center_along, "xyz")), equation=compute_placed_mass),
 )

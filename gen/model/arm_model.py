@@ -11,6 +11,7 @@ lanes; only the chain couples the joints.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -287,6 +288,10 @@ class Model:
             The mass matrix (n × n), kg m² or kg.
 
         """
+        return self._links_and_rotors
+
+    @cached_property
+    def _links_and_rotors(self) -> Any:
         trig = self.chain.sines_and_cosines(self.q)
         rotors = self.find_rotors(self.chain, trig, ca.vertsplit(self.v))
         return self.add_rotors(self.chain.mass_matrix(self.q, self.chain_parameters(), trig), rotors)

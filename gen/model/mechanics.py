@@ -207,9 +207,7 @@ def _motor_torque(model: Model, q: Any, v: Any, a: Any, joint_torque: Any) -> An
         push = p["motor_inertia"] * _rotor_acceleration(p["ratio"] * a[j - 1], rotor, a)
         spin = p["motor_inertia"] * (p["ratio"] * v[j - 1] + rotor.find_turn(v))
         pulls = [rotor.row[k] * push + rotor.twist[k] * spin for k in range(model.n)]
-        torque = torque + ca.vertcat(
-            *(pull / model.joint_parameters(k)["ratio"] for k, pull in enumerate(pulls, 1))
-        )
+        torque = torque + ca.vertcat(*(pull / model.joint_parameters(k)["ratio"] for k, pull in enumerate(pulls, 1)))
     return torque
 
 

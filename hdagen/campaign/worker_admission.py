@@ -66,8 +66,10 @@ class Admission:
         wanted = describe_installation()
         answers: dict[str, Any] = self._client.run(compare_worker, wanted, workers=new, on_error="return")
         for address in new:
+            answer = answers.get(address)
+            if answer is None or isinstance(answer, OSError):  # it left meanwhile, or answers at the next look
+                continue
             self._known.add(address)
-            answer = answers.get(address, "it left")
             if answer == "":
                 self.admitted.add(address)
                 continue

@@ -15,14 +15,18 @@ from hdagen.log.data_table import LogError
 SEARCH = cast(SearchResult, None)
 
 
-def judged(after: float, *verdict: str, contradiction: str | None = None) -> _JudgedSearch:
-    """A search whose verdict leaves ``after`` times the noise on the motion that decides."""
+def judged(after: float, *verdict: str, contradiction: str | None = None, end: str | None = None) -> _JudgedSearch:
+    """A search whose verdict leaves ``after`` times the noise on the motion that decides; ``end``: of the range of its
+    effects, where they stand at one."""
     gap = {"after": after, "by_channel": {"motor_position_1": {"after": after}}}
-    statement = SimpleNamespace(confirmed=SimpleNamespace(effects=verdict))
+    size = {"value": 1.0, "std": 0.1, "end": end}
+    causes = [{"effect": name[:-2], "joint": int(name[-1]), "parameters": {"size": size}} for name in verdict]
+    stated = SimpleNamespace(causes=causes)
+    statement = SimpleNamespace(confirmed=SimpleNamespace(effects=verdict), stated=stated)
     checked: Any = SimpleNamespace(
         contradiction=contradiction, settled=SimpleNamespace(deciding_gap=gap, statement=statement)
     )
-    return _JudgedSearch(SEARCH, checked, ())
+    return _JudgedSearch(SEARCH, checked, (), frozenset({"motor_inertia@1", "mass@1", "inertia@1"}))
 
 
 class Numbers:
@@ -68,6 +72,16 @@ def test_what_leaves_clearly_less_stands(first: Any, second: Any, stands: str) -
     numbers = Numbers(both["second"])
     assert _judge_with_numbers(lambda _: both["first"], SEARCH, numbers) is both[stands]
     assert numbers.asked == [tuple(first[1:])]
+
+
+def test_a_number_at_an_end_of_its_range_corrects_nothing() -> None:
+    first = judged(90.0, "viscous_friction@1")
+    assert _judge_with_numbers(lambda _: first, SEARCH, Numbers(judged(3.0, "motor_inertia@1", end="high"))) is first
+
+
+def test_a_second_search_without_a_number_of_the_file_corrects_nothing() -> None:
+    first = judged(90.0, "viscous_friction@1")
+    assert _judge_with_numbers(lambda _: first, SEARCH, Numbers(judged(3.0, "encoder_eccentricity@1"))) is first
 
 
 def test_a_second_search_that_fails_leaves_the_first() -> None:

@@ -55,7 +55,9 @@ def write_report(diagnosis: DiagnosisResult, path: Path, files: DiagnosedFiles) 
             *show_control(content),
             show_data(content),
         ],
-        format_commands(files, content["robot"].get("identity") or "not known"),
+        format_commands(
+            files, content["robot"].get("identity") or "not known", is_complete=not content.get("not_tried")
+        ),
         first_screen=open_report(content, arm.parameters, files, _list_warnings(content, pictures)),
     )
 
