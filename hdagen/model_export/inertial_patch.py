@@ -110,7 +110,8 @@ def _round(value: float, largest: float) -> float:
 def _differ(old: Sequence[float], new: Sequence[float]) -> bool:
     size = max(map(abs, old), default=0.0)
     return any(
-        not math.isclose(a, b, rel_tol=_SUM_ROUNDING, abs_tol=_SUM_ROUNDING * size) for a, b in zip(old, new, strict=True)
+        not math.isclose(a, b, rel_tol=_SUM_ROUNDING, abs_tol=_SUM_ROUNDING * size)
+        for a, b in zip(old, new, strict=True)
     )
 
 
