@@ -90,6 +90,18 @@ def load_robot(folder: TaskFolder, parameters: Parameters) -> dict[str, Any]:
     return {"joints": arm.n, "folder": str(arm.folder), "state": arm.rest([0.1] * arm.n).tolist()}
 
 
+def drive_short_run(folder: TaskFolder, parameters: Parameters) -> dict[str, Any]:
+    """A random run of the controllers' table whose path is cut to a short one."""
+    from unittest.mock import patch
+
+    from hdagen.control.reference_motion import circle
+    from hdagen.mpc.benchmark import law_comparison
+    from hdagen.mpc.benchmark.random_run_tasks import drive_run_task
+
+    with patch.object(law_comparison, "circle", lambda *given: circle(*given[:3], 0.6, *given[4:])):
+        return drive_run_task(folder, parameters)
+
+
 # -- a machine of a fleet ---------------------------------------------------------------------------------------------
 
 
