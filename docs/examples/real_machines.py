@@ -3,10 +3,10 @@
     python docs/examples/real_machines.py DATA [--out DIR] [--only NAME …] [--jobs J] [--json FILE]
 
 DATA is the folder of the recorded sets, one folder each; the pages of the examples say where they come from. Converts
-every log of a case as its page does, writes DIR/manifest.json, diagnoses one case after the other by the command, and
-prints a table. `named`: the verdict has one name of each part of the known answer, and none that is known to be wrong.
-`closed`: (before - after) / (before - achievable), where a tenth or more can be closed; `half`: after is at most half
-of before, where achievable is. FILE gets the same as JSON; docs/real.json is such a file.
+every log of a case as its page does, writes DIR/manifest.json, diagnoses each case by the command, in a process of its
+own, and prints a table. `named`: the verdict has one name of each part of the known answer, and none that is known to
+be wrong. `closed`: (before - after) / (before - achievable), where a tenth or more can be closed; `half`: after is at
+most half of before, where achievable is. FILE gets the same as JSON; docs/real.json is such a file.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import statistics
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from hdagen.arm.build_loader import PlantError
 from hdagen.bench.host_computer import describe_machine
+from hdagen.campaign.campaign_run import run_arriving_tasks
+from hdagen.campaign.cluster import open_cluster
+from hdagen.campaign.cluster_request import ClusterRequest
+from hdagen.campaign.result_store import ResultStore
+from hdagen.campaign.task import Status, Task, TaskFile, TaskFolder
 from hdagen.log import read, write
 
 EXAMPLES = Path(__file__).resolve().parent
@@ -228,8 +233,32 @@ def _converted(recording: Recording, source: Path, out: Path) -> Path:
     return out
 
 
-def diagnose(inputs: Inputs, out: Path) -> dict[str, Any]:
-    """The content of diagnosis.json, which stands in ``out``. Raises DiagnosisFailed."""
+def make_case_task(case: Case, inputs: Inputs) -> Task:
+    """The task that diagnoses a case."""
+    robot = Path(inputs.robot)
+    paths = [*inputs.logs, *inputs.hold_out]
+    if robot.is_file():
+        paths.append(robot)
+    parameters = {
+        "robot": robot.name,
+        "logs": [path.name for path in inputs.logs],
+        "hold_out": [path.name for path in inputs.hold_out],
+    }
+    return Task(case.name, diagnose_recordings, parameters, {path.name: TaskFile(path, path.name) for path in paths})
+
+
+def diagnose_recordings(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Leaves what the command writes of a case, and returns its verdict. Raises PlantError."""
+    logs, held = (tuple(map(Path, parameters[key])) for key in ("logs", "hold_out"))
+    try:
+        found = diagnose(Inputs(parameters["robot"], logs, held), folder.out, folder.out.parent)
+    except DiagnosisFailed as failure:
+        raise PlantError(str(failure)) from None
+    return {"verdict": found["verdict"]}
+
+
+def diagnose(inputs: Inputs, out: Path, folder: Path | None = None) -> dict[str, Any]:
+    """The content of diagnosis.json, which stands in ``out``; paths start at ``folder``. Raises DiagnosisFailed."""
     held: list[str | Path] = ["--hold-out", *inputs.hold_out] if inputs.hold_out else []
     command: list[str | Path] = [
         sys.executable,
@@ -242,7 +271,7 @@ def diagnose(inputs: Inputs, out: Path) -> dict[str, Any]:
         "--out",
         out,
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
         raise DiagnosisFailed(done.stderr)
     return json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
@@ -361,22 +390,34 @@ def main() -> int:
     }
     (options.out / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
 
-    def row_of(case: Case) -> dict[str, Any] | None:
-        print(case.name, file=sys.stderr)
-        try:
-            return summarize(case, diagnose(inputs[case.name], options.out / case.name))
-        except DiagnosisFailed as failure:
-            print(f"{case.name}: {failure}", file=sys.stderr)
-            return None
-
-    with ThreadPoolExecutor(options.jobs) as pool:
-        rows = [row for row in pool.map(row_of, cases) if row]
+    rows = diagnose_cases(cases, inputs, options)
     bars = judge(rows, len(cases))
     print_table(rows, bars)
     if options.json:
         content = {"machine": describe_machine(), "bars": bars, "cases": rows}
         options.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     return 0 if len(rows) == len(cases) else 1
+
+
+def diagnose_cases(
+    cases: Sequence[Case], inputs: Mapping[str, Inputs], options: argparse.Namespace
+) -> list[dict[str, Any]]:
+    """Rows of the cases that ended well, each diagnosed anew; the others are said on standard error."""
+    tasks, ended = [make_case_task(case, inputs[case.name]) for case in cases], set()
+    store, jobs = ResultStore(options.out), ClusterRequest(jobs=options.jobs)
+    with store.hold_lock(), open_cluster(jobs, print_progress) as runner:
+        for task, outcome in run_arriving_tasks(tasks, len(tasks), store, runner, print_progress):
+            if outcome.status is Status.DONE:
+                ended.add(task.name)
+            else:
+                print_progress(f"{task.name}: {' '.join(outcome.messages)}")
+    files = {case: options.out / case.name / "diagnosis.json" for case in cases if case.name in ended}
+    return [summarize(case, json.loads(file.read_text(encoding="utf-8"))) for case, file in files.items()]
+
+
+def print_progress(words: str) -> None:
+    """Say how far the work is, on standard error."""
+    print(words, file=sys.stderr)
 
 
 def _options() -> argparse.Namespace:
@@ -391,4 +432,6 @@ def _options() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from real_machines import main as run_here  # by the name that workers can import
+
+    sys.exit(run_here())

@@ -219,14 +219,24 @@ def scalar_function(f: ca.Function, name: str, head: str = "") -> str:
     lines = emit_body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
     computed = [line for line in lines if line.startswith("const ")]
     stored = [line for line in lines if not line.startswith("const ")]
-    unused = [f"(void){f.name_in(k)};" for k in range(f.n_in()) if k not in _find_inputs_read(f)]
+    unused = [f"(void){name};" for name in list_unused_inputs(f, " ".join(lines))]
     return (
         f"{head or c_signature(f, name)} {{\n" + "".join(f"    {line}\n" for line in unused + computed + stored) + "}\n"
     )
 
 
-def _find_inputs_read(f: ca.Function) -> set[int]:
-    return {f.instruction_input(k)[0] for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_INPUT}
+def list_unused_inputs(f: ca.Function, text: str) -> list[str]:
+    """List the inputs that a function's C text does not read.
+
+    Args:
+        f: The function.
+        text: Its statements.
+
+    Returns:
+        Names of inputs.
+
+    """
+    return [f.name_in(k) for k in range(f.n_in()) if f" {f.name_in(k)}[" not in f" {text}"]
 
 
 def emit_preparation(prepared: Preparation) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from hdagen.api.log_reading import ColumnSources, LogSource, read_logs
-from hdagen.api.robot_loading import RobotSource, find_robot_file
+from hdagen.api.robot_loading import RobotSource, find_robot_file, name_joints
 from hdagen.diagnosis import pipeline
 from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.stages.stage import StageListener
@@ -42,7 +42,8 @@ def diagnose(
 
     """
     budget = TimeBudget(within)
-    fitted, held = read_logs(logs, columns), read_logs(holdout, columns)
+    names = name_joints(robot)
+    fitted, held = read_logs(logs, columns, names), read_logs(holdout, columns, names)
     if not fitted:
         raise LogError(["logs: found none, possible are one log or several; give a log of the robot."])
     return pipeline.diagnose(find_robot_file(robot), fitted, held, on_stage=on_stage, budget=budget)

@@ -14,7 +14,8 @@ from hdagen.campaign.installation import describe_installation, explain_differen
 if TYPE_CHECKING:
     from distributed import Client
 
-LOOK_INTERVAL = 0.5  # s between looks for new workers
+LOOK_INTERVAL = 2.0  # s between looks for workers that came or left
+LONELY_LOOK_INTERVAL = 0.2  # s between looks while no worker takes tasks
 
 
 async def compare_worker(wanted: dict[str, str]) -> str:
@@ -50,7 +51,8 @@ class Admission:
 
     def look_for_workers(self) -> None:
         """Admit or refuse the workers that came since the last look; forget those that left."""
-        if time.monotonic() - self._last_look < LOOK_INTERVAL:
+        interval = LOOK_INTERVAL if self.admitted else LONELY_LOOK_INTERVAL
+        if time.monotonic() - self._last_look < interval:
             return
         self._last_look = time.monotonic()
         present = set(self._client.nthreads())
@@ -64,8 +66,10 @@ class Admission:
         wanted = describe_installation()
         answers: dict[str, Any] = self._client.run(compare_worker, wanted, workers=new, on_error="return")
         for address in new:
+            answer = answers.get(address)
+            if answer is None or isinstance(answer, OSError):  # it left meanwhile, or answers at the next look
+                continue
             self._known.add(address)
-            answer = answers.get(address, "it left")
             if answer == "":
                 self.admitted.add(address)
                 continue

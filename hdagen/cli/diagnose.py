@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -140,6 +141,7 @@ def _make_folder(out: Path) -> Iterator[Path]:
 
 
 def _diagnose_machine(options: argparse.Namespace) -> int:
+    from hdagen.arm.joint_names import read_joint_names
     from hdagen.diagnosis.pipeline import diagnose
     from hdagen.diagnosis.report.sentences import write_verdict
     from hdagen.diagnosis.stages.stage import Stage
@@ -152,8 +154,8 @@ def _diagnose_machine(options: argparse.Namespace) -> int:
         check_log_file(path)
     check_failure_options(options, [options.robot])
     with _make_folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
-        logs = [read(path, columns=options.columns, holes=True) for path in options.logs]
-        held = [read(path, columns=options.columns, holes=True) for path in options.hold_out or ()]
+        read_one = partial(read, columns=options.columns, holes=True, names=read_joint_names(options.robot))
+        logs, held = (list(map(read_one, paths)) for paths in (options.logs, options.hold_out or ()))
         tune_malloc()
         with show_progress(options.verbose) as progress:
             found = diagnose(options.robot, logs, held, on_stage=progress, budget=budget)

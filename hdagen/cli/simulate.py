@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
     if options.config:
         raise PlantError("--config is of the predictive controller; take --controller mpc, or leave it out.")
     gains = _parse_gains(options.gain)
-    arm = Arm(options.robot) if options.built else load(options.robot, profile=options.profile, in_space=True)
+    arm = Arm(options.robot) if options.built else load(options.robot, profile=options.profile)
     law = options.controller or ("impedance_joint" if arm.moves_in_space else "impedance_cartesian")
     guard = Guard(Safe[options.safe.upper()], safe_damping=_choose_damping(arm))
     controller = Controller(arm, law, guard, gains)

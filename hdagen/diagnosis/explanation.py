@@ -11,7 +11,7 @@ from hdagen.adoption.verdict import Verdict, apply_verdict
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.checked_verdict import CheckedVerdict
-from hdagen.diagnosis.data.gap import compute_gap_bounds
+from hdagen.diagnosis.data.held_out_gap import compute_gap_bounds
 from hdagen.diagnosis.data.models import Models
 from hdagen.diagnosis.data.prepared_data import PreparedData
 from hdagen.diagnosis.data.split import LogPortion

@@ -20,6 +20,7 @@ from hdagen.diagnosis.explanation import explain_verdict
 from hdagen.diagnosis.holdout.long_window_prediction import predict_long_windows
 from hdagen.diagnosis.holdout.small_effects import is_gap_alike
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion, measure_without_effects
+from hdagen.diagnosis.holdout.verdict_withdrawal import is_at_bound
 from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
 from hdagen.diagnosis.search.effect_search import search_effects
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
@@ -104,11 +105,12 @@ def _run_stages(
 
 @dataclass(frozen=True, eq=False)
 class _JudgedSearch:
-    """A search with its check on held-out motion."""
+    """A search with its check on held-out motion; ``numbers`` are the candidates that are numbers of the robot file."""
 
     search: SearchResult
     checked: CheckedVerdict
     failures: tuple[str, ...]
+    numbers: frozenset[str]
 
     @property
     def is_file_in_doubt(self) -> bool:
@@ -120,9 +122,13 @@ class _JudgedSearch:
         """Whether its verdict leaves many times the noise of the motion that decides."""
         return bool(self.checked.settled.deciding_gap["after"] > DATA.significant_noise_multiple)
 
-    def explains_more_than(self, other: _JudgedSearch) -> bool:
-        """Tell whether its verdict leaves clearly less of the motion that decides than another one, or about as little
-        with fewer effects."""
+    def corrects(self, other: _JudgedSearch) -> bool:
+        """Tell whether its verdict has wrong numbers of the file, none at an end of its range, and clearly leaves less
+        of the motion that decides than another verdict, or about as little with fewer effects."""
+        if self.numbers.isdisjoint(self.verdict) or is_at_bound(
+            self.verdict, self.checked.settled.statement.stated.causes
+        ):
+            return False
         gap, theirs = self.checked.settled.deciding_gap, other.checked.settled.deciding_gap
         if not is_gap_alike(gap, theirs):
             return bool(gap["after"] < theirs["after"])
@@ -148,13 +154,16 @@ def _judge_search(
     prediction = predict_long_windows(search, data, budget)
     scores = score_hypotheses(search, prediction.log_odds)
     checked = check_on_holdout(models, data, search, scores, direct, unseen, budget, on_stage)
-    return _JudgedSearch(search, checked, (*search.failures, *prediction.failures, *checked.failures))
+    keys = {number["name"] for number in models.full.manifest["numbers"]}
+    numbers = (one.name for one in search.candidates.members if one.is_number or one.traits.name in keys)
+    failures = (*search.failures, *prediction.failures, *checked.failures)
+    return _JudgedSearch(search, checked, failures, frozenset(numbers))
 
 
 def _judge_with_numbers(
     judge: Callable[[SearchResult], _JudgedSearch],
     search: SearchResult,
-    search_numbers: Callable[[], _JudgedSearch | None],
+    search_numbers: Callable[[Sequence[str] | None], _JudgedSearch | None],
 ) -> _JudgedSearch:
     """Judge a search that takes the robot file as right, and another with the file's numbers among the causes where the
     first leaves much: what clearly leaves less of unseen motion stands. Where the file seems to be another machine's,
@@ -162,14 +171,14 @@ def _judge_with_numbers(
     try:
         found = judge(search)
     except LogError:
-        again = search_numbers()
+        again = search_numbers(None)
         if again is None or again.leaves_much:
             raise
         return again
     if not found.is_file_in_doubt:
         return found
-    again = search_numbers()
-    return again if again and again.explains_more_than(found) else found
+    again = search_numbers(found.verdict)
+    return again if again and again.corrects(found) else found
 
 
 def _search_wrong_numbers(
@@ -178,13 +187,18 @@ def _search_wrong_numbers(
     judge: Callable[[SearchResult], _JudgedSearch],
     attempts: Attempts,
     on_stage: StageListener,
+    verdict: Sequence[str] | None,
 ) -> _JudgedSearch | None:
-    """Search with the robot file's numbers among the causes; None where that fails, or takes too long."""
+    """Search with the robot file's numbers among the causes; None where that fails, or takes too long. Springs in rigid
+    joints, which take most of the time, are searched again only where they stand in the first verdict, or where there
+    was none."""
     budget, stage = attempts.budget, "the search for wrong numbers of the robot file"
+    springs = {name for name, traits in models.full.effects.items() if traits.series_spring}
+    may_have_springs = verdict is None or any(name.partition("@")[0] in springs for name in verdict)
 
     def search_again() -> _JudgedSearch | None:
         null = fit_null_model(models.full, data.record, budget, with_numbers=True)
-        search = search_effects(models, data, null, on_stage)
+        search = search_effects(models, data, null, on_stage, may_have_springs)
         return None if budget.is_left_out(stage) else judge(search)
 
     return attempts.attempt_in_time(stage, search_again, None)

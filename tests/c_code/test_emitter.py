@@ -17,7 +17,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from arms import ALL_EFFECTS, CHAINS, SMALL, arm
+from arms import ALL_EFFECTS, CHAINS, MIXED, SMALL, arm
 from compiled import Compiled
 from graphs import Draw, Floats, Interpreted, assembled, bits, functions, toml
 from hypothesis import given
@@ -46,7 +46,7 @@ ROBOTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "emps": ("emps", ()),
     "pendulum": ("dfki_1_0", ()),
     "sharp": (SHARP, ()),
-    "every effect": (CHAINS["RPR"], ALL_EFFECTS),
+    "every effect": (MIXED, ALL_EFFECTS),
 }
 IN_LANES = ("rhs", "rhs_exact", "holding")  # functions that the native profile evaluates in vectors
 Builder = Callable[..., Compiled]
@@ -377,7 +377,7 @@ def test_same_sources_same_bytes(tmp_path: Path, profile: str) -> None:
             "-m",
             "gen",
             "build",
-            toml(work, CHAINS["RPR"]),
+            toml(work, MIXED),
             "--out",
             str(work / "build"),
             "--profile",

@@ -14,7 +14,7 @@ from test_chain_in_space import Pinocchio
 
 import hdagen
 from hdagen.arm.build_loader import PlantError
-from hdagen.arm.compiled_arm import Arm, load
+from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guard_limits import Guard, Safe
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.joint_swing import swing_joints
@@ -171,18 +171,20 @@ def test_laws_of_the_plane_are_not_there(arm: Arm) -> None:
         Controller(arm, "impedance_cartesian", Guard(Safe.ZERO))
 
 
-def test_what_knows_the_plane_alone_refuses_the_arm(built: Compiled, tmp_path: Path) -> None:
+def test_a_log_in_space_is_checked_and_replayed(built: Compiled, tmp_path: Path) -> None:
     robot, out = tmp_path / "robot.toml", built.folder.parent
     robot.write_text(TEXT)
-    assert load(robot, out=out, in_space=True).n == 4
-    with pytest.raises(PlantError, match="its joints stand in space, where this works for arms in the plane alone"):
-        load(robot, out=out)
     arm = hdagen.load_robot(robot, out=out)
-    log = run(arm, Controller(arm, "position", Guard(Safe.ZERO)), swing_joints(arm, 1.0, 0.1)).log
-    with pytest.raises(PlantError, match="stand in space"):
-        hdagen.replay(arm, log)
-    with pytest.raises(PlantError, match="stand in space"):
-        hdagen.check(arm, log)
+    guard = Guard(Safe.DAMPING, safe_damping=(2.0,) * arm.n)
+    sensors = Sensors((1e-4,) * arm.n, (1e-4,) * arm.n, (0.02,) * arm.n, force_noise=0.0)
+    push = SpacePush(0.5, 2.0, (0.0, 3.0, -2.0, 0.5, 0.0, -0.5))
+    log = run(arm, Controller(arm, "position", guard), swing_joints(arm, 2.0, 3.0), (push,), sensors).log
+    assert hdagen.check(arm, log).is_usable
+    assert hdagen.replay(arm, log).gap < 1.5
+    blind = {"time": log.logged_time} | {k: v for k, v in log.columns.items() if not k.startswith("tip_")}
+    assert hdagen.replay(arm, blind).gap > 5.0  # the wrench on the tip is a part of the motion
+    named = {k.replace("_2", "_axis_2") if k.startswith("joint_pos") else k: v for k, v in blind.items()}
+    assert "joint_position_axis_2" in named and hdagen.replay(arm, named).gap == hdagen.replay(arm, blind).gap
 
 
 def test_the_predictive_controller_refuses_the_arm(tmp_path: Path) -> None:

@@ -36,8 +36,8 @@ def test_a_mutant_can_be_made_again(tmp_path: Path) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(("names", "count"), [([], 100_000), (["log.mat"], 1000)])
-def test_a_campaign_finds_no_death_no_hang_and_no_traceback(tmp_path: Path, names: list[str], count: int) -> None:
-    counts, wrong = campaign(names, count, tmp_path)
+def test_a_campaign_finds_no_death_no_hang_and_no_traceback(names: list[str], count: int) -> None:
+    counts, wrong = campaign(names, count)
     print(counts)
     assert wrong == []
 

@@ -15,12 +15,17 @@ import os
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet
+
+from hdagen.arm.build_loader import PlantError
+from hdagen.campaign.cluster import open_cluster
+from hdagen.campaign.cluster_request import ClusterRequest
+from hdagen.campaign.task import Status, Task, TaskFolder
 
 RENAMED = {  # key of schema 1 -> key of schema 2
     "alone": "direct_evidence",
@@ -40,14 +45,14 @@ CONTROLLERS = ("position", "impedance_cartesian", "impedance_joint", "admittance
 
 
 def run_command(checkout: Path, arguments: Sequence[str]) -> str:
-    """Standard output of `hdagen` with ``arguments`` in a checkout; SystemExit where it fails."""
+    """Standard output of `hdagen` with ``arguments`` in a checkout; PlantError where it fails."""
     environment = os.environ | {"PYTHONPATH": str(checkout), "HDAGEN_BUILD": str(checkout / "build")}
     command = [sys.executable, "-m", "hdagen", *arguments]
     done = subprocess.run(
         command, cwd=checkout, env=environment | {"OMP_NUM_THREADS": "1"}, capture_output=True, text=True, check=False
     )
     if done.returncode:
-        raise SystemExit(f"{checkout}: hdagen {' '.join(arguments)}: {done.stderr.strip()}")
+        raise PlantError(f"{checkout}: hdagen {' '.join(arguments)}: {done.stderr.strip()}")
     return done.stdout
 
 
@@ -68,6 +73,16 @@ def simulate_all(checkout: Path, folder: Path) -> None:
     for name in CONTROLLERS:
         out = ["--out", str(folder / f"{name}.parquet")]
         run_command(checkout, ["simulate", "paper", "--controller", name, "--seconds", "0.5", *out])
+
+
+def work_in_checkout(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Diagnose a case in a checkout, or simulate where there is none."""
+    checkout, out, case = Path(parameters["checkout"]), Path(parameters["out"]), parameters["case"]
+    if case is None:
+        simulate_all(checkout, out)
+    else:
+        diagnose_case(checkout, case, out)
+    return {}
 
 
 def walk_values(content: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -134,18 +149,21 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     cases = tomllib.loads(given.cases.read_text(encoding="utf-8"))["case"]
+    out = given.out.resolve()
     sides = {"old": given.old.resolve(), "new": given.new.resolve()}
-    with ThreadPoolExecutor(given.jobs) as pool:
-        tasks = [pool.submit(simulate_all, tree, given.out / side / "simulate") for side, tree in sides.items()]
-        for case in cases:
-            tasks += [
-                pool.submit(diagnose_case, tree, case, given.out / side / case["name"]) for side, tree in sides.items()
-            ]
-        for task in tasks:
-            task.result()
+    works = {"simulate": None, **{case["name"]: case for case in cases}}
+    tasks = [
+        Task(f"{side} {name}", work_in_checkout, {"checkout": str(tree), "case": case, "out": str(out / side / name)})
+        for name, case in works.items()
+        for side, tree in sides.items()
+    ]
+    with open_cluster(ClusterRequest(jobs=given.jobs), print) as runner, closing(runner.run_tasks(tasks)) as ended:
+        for task, outcome in ended:
+            if outcome.status is not Status.DONE:
+                raise SystemExit(f"{task.name}: {' '.join(outcome.messages)}")
     differences = 0
-    for name in ["simulate", *(case["name"] for case in cases)]:
-        found = compare_folders(given.out / "old" / name, given.out / "new" / name)
+    for name in works:
+        found = compare_folders(out / "old" / name, out / "new" / name)
         differences += len(found)
         print(f"{name}: {'the same' if not found else f'{len(found)} differences'}")
         for line in found[:40]:
@@ -155,4 +173,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from compare_checkouts import main as run_here  # by the name that workers can import
+
+    sys.exit(run_here())

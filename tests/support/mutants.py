@@ -1,25 +1,25 @@
 """Damaged copies of every kind of file that is read from outside, and what must become of each: it is read, or refused
 in sentences that can be printed.
 
-    python tests/support/mutants.py --count 100000 --out damaged
+    python tests/support/mutants.py --count 100000 --jobs 2
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 import random
 import resource
 import signal
+import subprocess
 import sys
 import tempfile
 import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,9 @@ from hdagen.adoption import verdict
 from hdagen.arm.build_loader import PlantError
 from hdagen.blind import calibrate
 from hdagen.campaign import result_store
-from hdagen.campaign.task import Outcome, Status
+from hdagen.campaign.cluster import open_cluster
+from hdagen.campaign.cluster_request import ClusterRequest
+from hdagen.campaign.task import Outcome, Status, Task, TaskFolder
 from hdagen.data_quality.log_triage import triage
 from hdagen.diagnosis.decision import calibration
 from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page, machine_task
@@ -414,31 +416,43 @@ def tried(every: tuple[Kind, ...], count: int, folder: Path, first: int = 0) -> 
     return counts, wrong
 
 
-def campaign(names: list[str], count: int, out: Path) -> tuple[Counter[str], list[str]]:
-    """`tried` in processes of BATCH mutants each, whose death and memory are faults, too."""
-    out.mkdir(parents=True, exist_ok=True)
-    every = tuple(kind for kind in kinds(out) if kind.name in names or (not names and kind.share))
+def try_batch(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """`tried` in a process of its own, whose death and memory are faults, too."""
+    first, count, names = (parameters[key] for key in ("first", "count", "names"))
+    command = [sys.executable, __file__, "--batch", str(first), "--count", str(count), "--kinds", *names]
+    done = subprocess.run(command, cwd=folder.out.parent, capture_output=True, text=True, check=False)
+    if done.returncode:
+        return {"counts": {}, "wrong": [f"from {first} on: the process died ({done.returncode}): {done.stderr[-500:]}"]}
+    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    if answer["memory"] > MOST_MEMORY:
+        answer["wrong"].append(f"from {first} on: {answer['memory']} bytes of memory")
+    return {"counts": answer["counts"], "wrong": answer["wrong"]}
+
+
+def print_batch(names: list[str], first: int, count: int, folder: Path) -> None:
+    """What `try_batch` reads: a batch's counts, faults and memory."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    every = tuple(kind for kind in kinds(folder) if kind.name in names or (not names and kind.share))
     if names:
         every = tuple(Kind(kind.name, kind.seeds, kind.reads) for kind in every)
+    counts, wrong = tried(every, count, folder, first)
+    most = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    print(json.dumps({"counts": counts, "wrong": wrong, "memory": most}))
+
+
+def campaign(names: list[str], count: int, jobs: int = 1) -> tuple[Counter[str], list[str]]:
+    """Counts and faults of batches of BATCH mutants, each a task."""
+    tasks = [
+        Task(f"from {first} on", try_batch, {"first": first, "count": min(BATCH, count - first), "names": names})
+        for first in range(0, count, BATCH)
+    ]
     counts: Counter[str] = Counter()
     wrong: list[str] = []
-    for first in range(0, count, BATCH):
-        answer = out / "answer.json"
-        answer.unlink(missing_ok=True)
-        child = os.fork()
-        if child == 0:
-            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            told = tried(every, min(BATCH, count - first), out, first)
-            most = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-            answer.write_text(json.dumps([*told, most]))
-            os._exit(0)
-        _, status = os.waitpid(child, 0)
-        if status or not answer.exists():
-            wrong.append(f"from {first} on: the process died (status {status})")
-            continue
-        found, faults, most = json.loads(answer.read_text())
-        counts.update(found)
-        wrong += faults + ([f"from {first} on: {most} bytes of memory"] if most > MOST_MEMORY else [])
+    with open_cluster(ClusterRequest(jobs=jobs), print) as runner, closing(runner.run_tasks(tasks)) as ended:
+        for task, outcome in ended:
+            counts.update(outcome.row.get("counts", {}))
+            wrong += outcome.row.get("wrong", [])
+            wrong += [f"{task.name}: {words}" for words in outcome.messages]
     return counts, wrong
 
 
@@ -447,15 +461,21 @@ def main() -> int:
     p = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     p.add_argument("--count", type=int, default=100_000)
     p.add_argument("--kinds", nargs="*", default=[], help="such as log.mat (default: all but that)")
-    p.add_argument("--out", type=Path, default=None, help="where the files are written")
+    p.add_argument("--jobs", type=int, default=1, help="batches at the same time")
+    p.add_argument("--batch", type=int, default=None, metavar="FIRST", help="only one batch, from this mutant on, here")
     options = p.parse_args()
+    if options.batch is not None:
+        with tempfile.TemporaryDirectory() as folder:
+            print_batch(options.kinds, options.batch, options.count, Path(folder))
+        return 0
     begun = time.monotonic()
-    with tempfile.TemporaryDirectory() as folder:
-        counts, wrong = campaign(options.kinds, options.count, options.out or Path(folder))
+    counts, wrong = campaign(options.kinds, options.count, options.jobs)
     print(json.dumps({"counts": counts, "seconds": round(time.monotonic() - begun), "wrong": len(wrong)}, indent=1))
     print("\n".join(wrong[:20]))
     return 1 if wrong else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from mutants import main as run_here  # by the name that workers can import
+
+    sys.exit(run_here())

@@ -28,7 +28,7 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import measure_block_errors
+from hdagen.diagnosis.data.held_out_gap import measure_block_errors
 from hdagen.diagnosis.data.prepared_data import PreparedData
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK

@@ -18,7 +18,9 @@ from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.diagnosis.stages.stage import StageListener
 
 
-def search_effects(models: Models, data: PreparedData, null: NullModel, on_stage: StageListener) -> SearchResult:
+def search_effects(
+    models: Models, data: PreparedData, null: NullModel, on_stage: StageListener, may_have_springs: bool = True
+) -> SearchResult:
     """Search the effects that explain a record, and springs in joints that the robot file calls rigid.
 
     Args:
@@ -26,6 +28,7 @@ def search_effects(models: Models, data: PreparedData, null: NullModel, on_stage
         data: with the record.
         null: the fitted null model, with all candidates.
         on_stage: receives each stage as it begins.
+        may_have_springs: whether springs are searched in joints that the robot file calls rigid.
 
     Returns:
         The fits, and the screening. The search for springs is left out where it fails. Where the time is up, the best
@@ -38,8 +41,9 @@ def search_effects(models: Models, data: PreparedData, null: NullModel, on_stage
     found = search_hypotheses(null.shooting, words, on_stage)
     if budget.is_up:
         found = replace(found, fits=tuple(sort_by_evidence([*found.fits, null.fit])))
-    search = partial(compare_with_springs, models.robot, models.full, data.record, data.window, found, on_stage)
-    found = attempts.attempt("a spring in what the robot file calls rigid", search, found)
+    if may_have_springs:
+        search = partial(compare_with_springs, models.robot, models.full, data.record, data.window, found, on_stage)
+        found = attempts.attempt("a spring in what the robot file calls rigid", search, found)
     simulators = {id(one): one for fit in found.fits if (one := fit.sensitivities.shooting)}.values()
     return replace(found, failures=(*attempts.failures, *describe_failed_simulations(simulators)))
 
