@@ -47,8 +47,8 @@ def closed_loops(
         controller: Its law, guard, model of the arm, and the gains that do not vary.
         reference: The motion that it follows.
         gains: (B,) each, by name: the gains that vary.
-        judge: Called with tips (T, W, 2 or in space 3, m) and torques sent (T, W, n, N m) of W sets at once, from several threads;
-            returns (W, k).
+        judge: Called with tips (T, W, 2 or in space 3, m) and torques sent (T, W, n, N m) of W sets at once, from
+            several threads; returns (W, k).
         pushes: Forces on the tip.
         sensors: The sensors' errors; None: from the robot file.
         seed: The seed of all noise, from 0.
