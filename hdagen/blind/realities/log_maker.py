@@ -204,8 +204,8 @@ def main() -> None:
         if request.get("truth") is not None:
             wrong = {str(one) for one in case.numbers}
             known = unpack_parameters({name: p for name, p in request["truth"].items() if name not in wrong})
-        make_log = make_arm_log if isinstance(case, ArmCase) else make_chain_log
-        log, found, snr = make_log(case, request["motion"], request["seconds"], known)
+        how = request["motion"], request["seconds"], known
+        log, found, snr = make_arm_log(case, *how) if isinstance(case, ArmCase) else make_chain_log(case, *how)
         numbers = {str(one): {"factor": one.factor} for one in case.numbers}
         told = {"snr": snr, "parameters": pack_parameters(found) | numbers}
     write(log, request["out"])
