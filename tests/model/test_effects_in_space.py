@@ -337,5 +337,3 @@ def test_a_flexible_arm_moves_as_in_mujocos_runge_kutta(build: Callable[..., Com
     scale = np.abs(x[:, moving]).max(axis=0)
     assert scale.min() > 0.05, "an arm that hardly moves compares nothing"
     assert (np.abs(x[:, moving] - np.array(theirs)) / scale).max() < 1e-7  # ours stiffens by 4e-8 at the law's torque
-
-
