@@ -31,6 +31,7 @@ from gen.robot.load_robot import from_table
 PLAN = harmonic_drive.plan_inverse
 OURS = ("payload", "rotor_coupling", "gravity_tilt", "link_flexibility", "base_compliance")
 LOSSLESS = ("viscous_friction", "coulomb_friction", "torsional_damping", "base_damping", "link_damping")
+HARMONIC = {"harmonic drives": ("RRP", robots.SPRINGS)}
 CHAINS = {"rigid": ("RRP", None), "springs": ("RPR", robots.LINEAR)}
 ON = {
     "payload_mass": 0.7,
@@ -49,7 +50,7 @@ ON = {
 
 def text(kind: str) -> str:
     """The robot's text, with gravity along −z."""
-    kinds, springs = CHAINS[kind]
+    kinds, springs = (CHAINS | HARMONIC)[kind]
     made = space_robots.chain(kinds, 5, springs=springs).replace("gravity = [", "gravity = [0.0, 0.0, -9.81] # [")
     return re.sub(r"viscous_friction = \S+", f"viscous_friction = {0.2 if springs is None else 1e-3}", made)
 
@@ -127,9 +128,12 @@ def entries(made: Interpreted, *stems: str) -> list[int]:
     return [k for k, name in enumerate(made.states) if name.startswith(stems)]
 
 
-@pytest.mark.parametrize("kind", CHAINS)
+@pytest.mark.parametrize("kind", CHAINS | HARMONIC)
 def test_the_motion_is_lagranges(kind: str) -> None:
-    """d/dt ∂T/∂v − ∂T/∂q + ∂V/∂q is the motors' torque, in the coordinates of rotors, joints and base, without loss."""
+    """d/dt ∂T/∂v − ∂T/∂q + ∂V/∂q is the motors' torque, in the coordinates of rotors, joints and base, without loss.
+
+    So energy is kept, with the laws of harmonic drives, too.
+    """
     made = arm(kind, "payload", "rotor_coupling", "gravity_tilt", "base_compliance")
     c = made.constants(**dict.fromkeys(LOSSLESS, 0.0), bias=0.0)
     f, model = made.functions, made.model

@@ -23,6 +23,7 @@ from hdagen.blind.realities.cases import draw_cases
 from hdagen.blind.realities.joint_arms import JointArmCase
 from hdagen.blind.realities.maxwell_motion import draw_point_moves
 from hdagen.blind.realities.maxwell_reality import simulate_arm
+from hdagen.blind.realities.model_arms import ModelCase
 from hdagen.blind.realities.population import MAXWELL, read_population
 from hdagen.blind.realities.rigid_joints import JointCase
 from hdagen.blind.realities.two_joint_arms import ArmCase, TwoJointArm, draw_effect_parameters, draw_true_parameters
@@ -190,6 +191,13 @@ def main() -> None:
 
         log = joint_reality.make_joint_log(case, request["motion"], request["seconds"])
         told = {"snr": case.snr(), "parameters": case.friction_parameters()}
+    elif isinstance(case, ModelCase):
+        from hdagen.blind.realities import model_reality
+
+        key = f"{case.effect}@{case.joint}"
+        stated = (request.get("truth") or {}).get(key)
+        log, drawn, snr = model_reality.make_model_log(case, request["motion"], request["seconds"], stated)
+        told = {"snr": snr, "parameters": {key: drawn} if case.effect else {}}
     else:
         assert isinstance(case, ArmCase | JointArmCase)
         known = None

@@ -26,7 +26,7 @@ from hdagen.blind.realities.model_arms import (
 )
 from hdagen.blind.realities.random_streams import seeded_generator
 
-STEPS_PER_ROW = 10
+STEPS_PER_ROW = 4  # of RK4
 STEP = 1.0 / RATE / STEPS_PER_ROW  # s
 LOOP_BANDWIDTH, LOOP_DAMPING = 15.0, 0.8  # rad/s, and the damping ratio of the position loop
 SPEED_SHARE = 0.3  # of a new difference of positions in the filtered speed
@@ -145,7 +145,7 @@ def write_space_model(
             f'<body pos="{words(tip.get("origin", (0, 0, 0)))}" quat="{words(tip.get("rotation", (1, 0, 0, 0)))}">'
             f'<inertial pos="{place}" mass="{mass!r}" diaginertia="{own} {own} {own}"/>'
         )
-    return f"""<mujoco><option timestep="{STEP!r}" integrator="implicitfast" solver="Newton" tolerance="1e-12"
+    return f"""<mujoco><option timestep="{STEP!r}" integrator="RK4" solver="Newton" tolerance="1e-12"
       gravity="{words(table["gravity"])}"/><worldbody>{"".join(bodies)}{"</body>" * len(bodies)}</worldbody></mujoco>"""
 
 
