@@ -17,7 +17,6 @@ import pytest
 
 import hdagen
 from hdagen.blind.realities import log_maker
-from hdagen.blind.realities.arm_motion import PERIOD, Motion
 from hdagen.blind.realities.arm_world import ArmWorld
 from hdagen.blind.realities.cases import draw_cases
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
@@ -44,6 +43,7 @@ from hdagen.blind.realities.two_joint_arms import (
     TwoJointArm,
     draw_true_parameters,
 )
+from hdagen.blind.realities.two_joint_motion import PERIOD, Motion
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 

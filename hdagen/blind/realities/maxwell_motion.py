@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from hdagen.blind.realities.arm_motion import PERIOD, Motion
+from hdagen.blind.realities.two_joint_motion import PERIOD, Motion
 
 _MOVE_SECONDS = (0.25, 1.1)  # s, of a move: quick ones reverse hard, slow ones creep
 _PAUSE_SHARE = 0.25  # share of moves after which a joint stands

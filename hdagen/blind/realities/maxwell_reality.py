@@ -17,10 +17,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hdagen.blind.realities.arm_motion import PERIOD, Motion
 from hdagen.blind.realities.arm_world import LARGEST_COMMAND, ArmWorld, tilt_gravity
 from hdagen.blind.realities.log_noise import choose_kept_rows, color_noise
 from hdagen.blind.realities.maxwell_drive import MaxwellDrive
+from hdagen.blind.realities.two_joint_motion import PERIOD, Motion
 
 MAXWELL_STEPS = 50
 MAXWELL_STEP = PERIOD / MAXWELL_STEPS  # s
