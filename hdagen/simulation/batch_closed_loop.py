@@ -63,16 +63,8 @@ def closed_loops(
 
     """
     table = _tabulate_gains(controller, gains)
-    if controller.arm.folder != arm.folder:
-        raise PlantError(
-            f"the controller's model is of another build, {controller.arm.folder.name}, than the arm, "
-            f"{arm.folder.name}; closed loops in lanes take one, with other parameters where they differ."
-        )
     scheme = resolve_sensor_errors(arm, sensors or Sensors())
-    if scheme.delay > MOST_DELAY_TICKS:
-        raise PlantError(
-            f"a delay of {scheme.delay} ticks is more than closed loops in lanes take, {MOST_DELAY_TICKS}."
-        )
+    _check_lanes(arm, controller, scheme.delay)
     q0 = find_start(arm, reference, start)
     rows = controller.rows(convert_to_law_space(controller, reference, q0))
     push = sum_push_forces(pushes, reference.time, arm.nu - arm.n)
@@ -90,6 +82,17 @@ def closed_loops(
     with ThreadPoolExecutor(threads) as pool:
         found = list(pool.map(lambda first: judge(*group.run(table[first : first + width])), firsts))
     return np.concatenate(found)
+
+
+def _check_lanes(arm: Arm, controller: Controller, delay: int) -> None:
+    """Refuse a controller of another build, and a delay (ticks) that lanes do not hold."""
+    if controller.arm.folder != arm.folder:
+        raise PlantError(
+            f"the controller's model is of another build, {controller.arm.folder.name}, than the arm, "
+            f"{arm.folder.name}; closed loops in lanes take one, with other parameters where they differ."
+        )
+    if delay > MOST_DELAY_TICKS:
+        raise PlantError(f"a delay of {delay} ticks is more than closed loops in lanes take, {MOST_DELAY_TICKS}.")
 
 
 def _tabulate_gains(controller: Controller, gains: Mapping[str, ArrayLike]) -> Array:
