@@ -14,7 +14,9 @@ from gen.effects.effect import Effect, Parameter, Port, Signals, State
 BASE_FREQUENCY = Parameter(
     "base_frequency", "rad/s", 200.0, 20.0, 1000.0, "of the base under the arm", starts=(200.0, 80.0, 400.0)
 )
-BASE_DAMPING = Parameter("base_damping", "1", 0.05, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.05, 0.2))
+BASE_DAMPING = Parameter(
+    "base_damping", "1", 0.05, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.05, 0.2)
+)
 
 
 def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:

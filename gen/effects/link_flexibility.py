@@ -15,7 +15,9 @@ from gen.effects.effect import Effect, Parameter, Port, Signals, State
 LINK_FREQUENCY = Parameter(
     "link_frequency", "rad/s", 150.0, 20.0, 1200.0, "of the link with its joint held", starts=(150.0, 60.0, 350.0)
 )
-LINK_DAMPING = Parameter("link_damping", "1", 0.02, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.02, 0.1))
+LINK_DAMPING = Parameter(
+    "link_damping", "1", 0.02, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.02, 0.1)
+)
 
 
 def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
