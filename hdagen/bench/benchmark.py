@@ -106,7 +106,7 @@ def run_bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> 
     """
     machine = describe_machine()  # how busy it was before
     stage("building")
-    native = load(robot, profile="native", in_space=robot != ROBOT)
+    native = load(robot, profile="native")
     stage("CasADi's interpreter and C, in turns with ours")
     raced = _race_functions(robot, rounds)
     reached: dict[str, Array] = {}

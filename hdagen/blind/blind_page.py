@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,8 @@ import numpy as np
 from hdagen.blind.blind_report import Report, describe_host, figures_by_effect
 from hdagen.blind.confidence_intervals import finite_or_none
 from hdagen.blind.labels import FIGURE_LABELS, describe_population, format_figure
-from hdagen.blind.realities.effect_places import PLACES
-from hdagen.blind.realities.population import DRIVETRAIN, FRICTION_KIND, JOINT, MAXWELL
+from hdagen.blind.realities.effect_places import EFFECT_PLACES
+from hdagen.blind.realities.population import DRIVETRAIN, FRICTION_KIND, JOINT, MAXWELL, MODEL
 from hdagen.blind.required_rates import Bar
 from hdagen.blind.score_summary import (
     accuracy_by_coverage,
@@ -48,6 +49,10 @@ CHAIN_TEXT = (
     "MuJoCo moves one to three joints under gravity, rigid or with springs, of which a log has angle and effort. "
     "Efforts have coloured noise, stamps are off, and rows are lost. The robot file states other parameters than the "
     "true ones, by 4 % standard deviation, and none of the effects."
+)
+MODEL_TEXT = (
+    "MuJoCo moves the links of a model in space, of which a log has angle and effort. The model states masses, centres "
+    "and inertias that differ from the true ones by 3 % standard deviation, and not the effect."
 )
 ROUGH_TEXT = " Some of its numbers are wrong by far more than that."
 JOINTS_TEXT = (
@@ -120,7 +125,8 @@ def _figures_section(report: Report) -> page.Section:
         caption="From and to: 95 % interval (Wilson's for shares, normal for means, order statistics for medians). A "
         "case without a diagnosis counts as wrong.",
     )
-    made = {DRIVETRAIN: ARMS_TEXT, MAXWELL: MAXWELL_TEXT, JOINT: CHAIN_TEXT}[report.asked.population.family]
+    texts = {DRIVETRAIN: ARMS_TEXT, MAXWELL: MAXWELL_TEXT, JOINT: CHAIN_TEXT, MODEL: MODEL_TEXT}
+    made = texts[report.asked.population.family]
     if report.asked.kind == FRICTION_KIND:
         made = JOINTS_TEXT
     if report.asked.kind == "rough":
@@ -201,7 +207,7 @@ def _confusion_section(report: Report) -> page.Section:
     counts = count_confusions(report.rows)
     if not counts:
         return page.Section("What was taken for what", "Cases of several effects stand in the table of all cases.")
-    order = [*PLACES, "unknown", "none", "several", "failed"]
+    order = [*EFFECT_PLACES, "unknown", "none", "several", "failed"]
     truths = sorted(counts, key=order.index)
     names = {one for line in counts.values() for one in line}
     # effects that a diagnosis names beyond the table of effects stand at the end
@@ -319,6 +325,8 @@ def _describe_reproduction(report: Report) -> str:
     options = [f"--kind {asked.kind}", f"--cases {asked.count}", f"--seconds {asked.seconds:g}", f"--seed {asked.seed}"]
     if asked.family is not None:
         options.insert(0, f"--family {asked.family}")
+    if asked.model:
+        options.insert(0, f"--model {shlex.quote(Path(asked.model).name)}")
     if asked.background is not None:
         options.insert(1, f"--background {asked.background:g}")
     command = f"hdagen blind {' '.join(options)}"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 from hdagen.blind.confidence_intervals import Figure
-from hdagen.blind.realities.population import DRIVETRAIN, FRICTION_KIND, JOINT, MAXWELL, Population
+from hdagen.blind.realities.population import DRIVETRAIN, FRICTION_KIND, JOINT, MAXWELL, MODEL, Population
 
 KIND_TITLES = {
     "single": "one effect",
@@ -18,7 +19,12 @@ KIND_TITLES = {
     "task": "one effect on a circle task",
     FRICTION_KIND: "real joints' friction",
 }
-FAMILY_TITLES = {DRIVETRAIN: "arms in MuJoCo", MAXWELL: "arms of another simulator", JOINT: "joints at joint scale"}
+FAMILY_TITLES = {
+    DRIVETRAIN: "arms in MuJoCo",
+    MAXWELL: "arms of another simulator",
+    JOINT: "joints at joint scale",
+    MODEL: "an imported model",
+}
 
 
 def describe_population(population: Population) -> str:
@@ -34,6 +40,8 @@ def describe_population(population: Population) -> str:
     words = [KIND_TITLES[population.kind]]
     if population.family != DRIVETRAIN and population.kind != FRICTION_KIND:
         words.append(FAMILY_TITLES[population.family])
+    if population.model:
+        words.append(Path(population.model).name)
     if population.background is not None:
         words.append(f"background {100 * population.background:g} %")
     return ", ".join(words)

@@ -23,7 +23,7 @@ from typing import Any
 from hdagen.blind.confidence_intervals import Figure, pool_means, pool_rates
 from hdagen.blind.family_table import render_family_table
 from hdagen.blind.labels import FIGURE_LABELS, describe_population, format_figure
-from hdagen.blind.realities.population import FAMILIES, Population, read_population
+from hdagen.blind.realities.population import EVERY_FAMILY, Population, read_population
 from hdagen.blind.required_rates import BARS, Bar, find_bars
 from hdagen.blind.score_summary import summarize_rows
 from hdagen.blind.scores import Row
@@ -230,7 +230,7 @@ def render_families(checks: Mapping[str, Any]) -> str:
 def _place_population(population: Population) -> tuple[int, int, float]:
     """Where a population stands in a table."""
     kinds = list(BARS)
-    return FAMILIES.index(population.family), kinds.index(population.kind), population.background or 0.0
+    return EVERY_FAMILY.index(population.family), kinds.index(population.kind), population.background or 0.0
 
 
 def _describe_limit(bar: Bar) -> str:

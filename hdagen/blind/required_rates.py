@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hdagen.blind.confidence_intervals import Figure
-from hdagen.blind.realities.population import Population
+from hdagen.blind.realities.population import MODEL, Population
 
 
 @dataclass(frozen=True)
@@ -74,17 +74,32 @@ BARS: Mapping[str, tuple[Bar, ...]] = {
 }
 
 
+MODEL_BARS: Mapping[str, tuple[Bar, ...]] = {  # of a model in space with up to 12 joints
+    "single": (
+        Bar("effect", 0.9),
+        Bar("joint", 0.97),
+        *_SURE_BARS,
+        Bar("closed", 0.85),
+        Bar("seconds", 180.0, most=True),
+        Bar("failed", 0.0, most=True),
+    ),
+    "none": (Bar("false_alarm", 0.02, most=True), Bar("seconds", 180.0, most=True), Bar("failed", 0.0, most=True)),
+}
+
+
 def find_bars(population: Population) -> tuple[Bar, ...]:
     """Find the bars of a population.
 
     Args:
-        population: family, kind and background.
+        population: family, kind, background and model.
 
     Returns:
         The bars of its kind; one effect over a background has those of the background, and over a large one fewer
         effects have to be right.
 
     """
+    if population.family == MODEL:
+        return MODEL_BARS[population.kind]
     background = population.background or 0.0
     if population.kind not in ("single", "background") or (population.kind == "single" and not background):
         return BARS[population.kind]

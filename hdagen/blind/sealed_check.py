@@ -41,10 +41,10 @@ class BlindError(Exception):
 
 @dataclass(frozen=True)
 class Check:
-    """The request for a check. ``kind``, ``family`` and ``background`` state the population that its cases are drawn
-    from (no family: the one that the kind usually belongs to). ``cluster``: where cases are diagnosed; ``seconds``:
-    length of each log; ``out``: folder of the results; ``keep``: logs and pages of the cases stay there; ``program``:
-    command that runs as ``hdagen`` (tests give another one; none: each worker's own)."""
+    """The request for a check. ``kind``, ``family``, ``background`` and ``model`` state the population that its cases
+    are drawn from (no family: the one that the kind usually belongs to). ``cluster``: where cases are diagnosed;
+    ``seconds``: length of each log; ``out``: folder of the results; ``keep``: logs and pages of the cases stay there;
+    ``program``: command that runs as ``hdagen`` (tests give another one; none: each worker's own)."""
 
     kind: str
     count: int
@@ -56,11 +56,13 @@ class Check:
     program: tuple[str, ...] = ()
     family: str | None = None
     background: float | None = None
+    model: str = ""
 
     @property
     def population(self) -> Population:
         """The population that the cases are drawn from."""
-        return read_population({"kind": self.kind, "family": self.family, "background": self.background})
+        stated = {"kind": self.kind, "family": self.family, "background": self.background, "model": self.model}
+        return read_population(stated)
 
 
 def run_check(asked: Check, said: Callable[[str], None]) -> tuple[list[Row], label_seal.Seal]:

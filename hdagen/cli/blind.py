@@ -24,6 +24,7 @@ BLIND_EXAMPLE = """example:
   hdagen blind --kind task --cases 24 --write made-here
   hdagen blind --family maxwell --kind single --background 0.08 --cases 100
   hdagen blind --family joint --kind rough --cases 40
+  hdagen blind --model panda.urdf --kind single --cases 16
 
 exit codes: 0 done, 1 a stated bar failed, 2 usage or configuration; see docs/method/blind_check.md"""
 DONE, BAR_MISSED, USAGE = 0, 1, 2
@@ -56,6 +57,11 @@ def add_parser(commands: Any) -> None:
         "scale (default: drivetrain; of kind joint: joint)",
     )
     p.add_argument(
+        "--model",
+        metavar="MODEL",
+        help="a URDF, an MJCF or a robot.toml in space, whose links are scattered (kinds single and none)",
+    )
+    p.add_argument(
         "--background",
         type=float,
         choices=BACKGROUNDS,
@@ -69,7 +75,10 @@ def add_parser(commands: Any) -> None:
         "told at the end)",
     )
     p.add_argument(
-        "--seconds", type=float, metavar="T", help="length of a log, s (default: 10; family joint: 15; kind joint: 24)"
+        "--seconds",
+        type=float,
+        metavar="T",
+        help="length of a log, s (default: 10; family joint: 15; kind joint: 24; a model: 20)",
     )
     p.add_argument(
         "--out", type=Path, metavar="DIR", help="folder of the results (default: blind- and family, kind, background)"
@@ -93,6 +102,8 @@ def run(options: argparse.Namespace) -> int:
     """
     from hdagen.blind.realities.population import read_population
 
+    if options.model is not None:
+        options.model = str(Path(options.model).absolute())  # for the processes that make logs
     population = read_population(vars(options))
     if options.seconds is None:
         options.seconds = population.seconds
@@ -104,6 +115,7 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.blind.sealed_check import BlindError
     from hdagen.blind.subprocesses import ChildError
     from hdagen.diagnosis.decision.calibration import CalibrationError
+    from hdagen.model_import.model_file import ModelError
 
     cluster = read_cluster_request(options, DEFAULT_JOBS)
     seed = _choose_seed(options.seed)
@@ -120,7 +132,7 @@ def run(options: argparse.Namespace) -> int:
                 print(f"written: {folder}, with labels.json; seed {seed}")
             return DONE
         return _run_check(options, seed, cluster)
-    except (BlindError, CalibrationError, ChildError, SealError) as error:
+    except (BlindError, CalibrationError, ChildError, ModelError, SealError) as error:
         print(error, file=sys.stderr)
         return USAGE
     except OSError as error:
@@ -133,7 +145,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _find_conflicts(options: argparse.Namespace, population: Population) -> list[str]:
-    from hdagen.blind.realities.population import FRICTION_KIND, KINDS_OF_FAMILY, MAXWELL
+    from hdagen.blind.realities.population import FRICTION_KIND, KINDS_OF_FAMILY, MAXWELL, MODEL
 
     problems = [
         f"{name} {value}: possible is a whole number from 1 on."
@@ -150,6 +162,10 @@ def _find_conflicts(options: argparse.Namespace, population: Population) -> list
         )
     if population.kind == FRICTION_KIND and population.background is not None:
         problems.append(f"--kind {FRICTION_KIND} draws its own background: leave out --background.")
+    if options.model and options.family:
+        problems.append(f"--model is a family of its own: leave out --family {options.family}.")
+    if population.family == MODEL and population.background is not None:
+        problems.append("--model has no background: leave out --background.")
     if population.family != MAXWELL and importlib.util.find_spec("mujoco") is None:
         problems.append("MuJoCo is not installed, which makes the realities: pip install 'hdagen[mujoco]'.")
     return problems
@@ -201,6 +217,7 @@ def _run_check(options: argparse.Namespace, seed: str, cluster: ClusterRequest) 
         options.keep,
         family=options.family,
         background=options.background,
+        model=options.model or "",
     )
     rows, closed = run_check(asked, _make_progress())
     found = make_report(asked, closed, rows)

@@ -353,7 +353,14 @@ def _describe_conversion(source: ColumnSource, table: Table) -> list[str]:
 
 
 def _rotate_tip_force(frame: ForceFrame, columns: dict[str, np.ndarray], path: Path | None) -> str:
-    """Turn the tip force into the base frame, in place. Raises ColumnsError where a column for it is missing."""
+    """Turn the tip force into the base frame, in place. Raises ColumnsError where a column for it is missing, or the
+    force is one in space."""
+    if beyond := [name for name in columns if name in WHOLE_ARM_COLUMNS[3:]]:
+        told = join_names(beyond)
+        raise ColumnsError([
+            f"{path}: [tip_force] turns a force in the plane, and the log has {told}; log forces and moments in the"
+            " base frame, and leave the table out."
+        ])  # fmt: skip
     positions: list[str] = []
     if frame.is_moving and frame.turning_joints is not None:
         positions = [f"joint_position_{j}" for j in frame.turning_joints]

@@ -40,7 +40,7 @@ def test_friction_in_space_is_named_adopted_and_drawn(tmp_path: Path) -> None:
     named = {re.sub(r"_(\d)$", r"_axis_\1", name): values for name, values in log.items()}
     found = hdagen.diagnose(robot, named)
     assert found.verdict == ("coulomb_friction@2",) and found.sure
-    assert found.gap["after"] < 0.02 * found.gap["before"]
+    assert found.gap["after"] < 2.0 < 0.1 * found.gap["before"]
     cause = next(one for one in found.content["causes"] if (one["effect"], one["joint"]) == ("coulomb_friction", 2))
     assert cause["parameters"]["coulomb_friction"]["value"] == pytest.approx(FRICTION, rel=0.03)
     assert found.content["joints"] == ["axis_1", "axis_2"] and "before" in found.content["control"]["tracking"]
@@ -55,7 +55,7 @@ def test_friction_in_space_is_named_adopted_and_drawn(tmp_path: Path) -> None:
     new, old = (tomllib.loads(path.read_text()) for path in (tmp_path / "new.toml", robot))
     assert new["joint"][1]["drive"]["coulomb_friction"] == pytest.approx(FRICTION, rel=0.03)
     assert [joint["origin"] for joint in new["joint"]] == [joint["origin"] for joint in old["joint"]]
-    assert hdagen.replay(tmp_path / "new.toml", log).gap < 0.02 * hdagen.replay(robot, log).gap
+    assert hdagen.replay(tmp_path / "new.toml", log).gap < 0.1 * hdagen.replay(robot, log).gap
 
 
 @pytest.mark.campaign

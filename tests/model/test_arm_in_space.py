@@ -23,9 +23,8 @@ from hdagen.control.joint_swing import swing_joints
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push, SpacePush, run
 
-FRICTION = 0.3
-LIMITS = "\n[joint.limits]\nposition = [-1.5, 1.5]\nspeed = 3.0\ntorque = 80.0\nmotor_torque_rate = 8000.0\n"
-TEXT = space_robots.chain("RPRR", 11).replace("coulomb_friction = 0.0", f"coulomb_friction = {FRICTION}{LIMITS}")
+FRICTION = space_robots.FOUR_JOINTS_FRICTION
+TEXT = space_robots.four_joint_arm()
 ROWS = 300
 
 
@@ -166,11 +165,6 @@ def test_a_push_of_the_plane_is_refused(arm: Arm) -> None:
     controller = Controller(arm, "position", guard)
     with pytest.raises(PlantError, match="a push on this arm's tip has 3 or 6 components, not 2"):
         run(arm, controller, swing_joints(arm, 1.0, 0.01), (Push(0.0, 0.005, (1.0, 0.0)),))
-
-
-def test_laws_of_the_plane_are_not_there(arm: Arm) -> None:
-    with pytest.raises(PlantError, match="no controller named impedance_cartesian; there are position, "):
-        Controller(arm, "impedance_cartesian", Guard(Safe.ZERO))
 
 
 def test_a_log_in_space_is_checked_and_replayed(built: Compiled, tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from hdagen.blind.realities import joint_arms, rigid_joints, two_joint_arms
-from hdagen.blind.realities.population import FRICTION_KIND, JOINT, Population
+from hdagen.blind.realities import joint_arms, model_arms, rigid_joints, two_joint_arms
+from hdagen.blind.realities.population import FRICTION_KIND, JOINT, MODEL, Population
 
 
 class Robot(Protocol):
@@ -46,7 +46,7 @@ def draw_cases(seed: str, population: Population, count: int) -> tuple[Case, ...
 
     Args:
         seed: the seed of the check.
-        population: family, kind and background.
+        population: family, kind, background and model.
         count: how many cases.
 
     Returns:
@@ -55,6 +55,8 @@ def draw_cases(seed: str, population: Population, count: int) -> tuple[Case, ...
     """
     if population.kind == FRICTION_KIND:
         return rigid_joints.draw_joint_cases(seed, count)
+    if population.family == MODEL:
+        return model_arms.draw_model_cases(seed, population, count)
     if population.family == JOINT:
         return joint_arms.draw_joint_arm_cases(seed, population, count)
     return two_joint_arms.draw_arm_cases(seed, population, count)

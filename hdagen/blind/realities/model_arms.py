@@ -9,19 +9,26 @@ import copy
 import math
 import tomllib
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomlkit
 
+from hdagen.blind.realities.population import Population
 from hdagen.blind.realities.random_streams import draw_log_uniform, purpose_digest, seeded_generator
+from hdagen.model_import.model_file import ModelError, is_model_file
+from hdagen.model_import.robot_writing import import_model
+from hdagen.support.input_file import InputFileError, read_toml
+from hdagen.support.messages import show_path
 
-KIND = "model"
 RATE = 500  # Hz, of controller and log
 SCATTER = 0.03  # relative standard deviation of masses, centres of mass and inertias about those of the model
-MOST_DEVIATIONS = 2.0  # of the scatter
+MOST_MASS_DEVIATIONS = 2.0  # of the scatter
 ENCODER_NOISE, ENCODER_RESOLUTION = 1e-5, 2 * math.pi / 2**17  # rad or m
 TORQUE_NOISE_SHARE = 1e-3  # of the largest torque of a joint
+MOST_ROBOT_BYTES = 1_000_000
 DEFAULT_TORQUE = 50.0  # N m or N, of a joint whose model states none
 DEFAULT_RANGE = (-2.0, 2.0)  # rad or m, the same
 DEFAULT_SPEED = 2.0  # rad/s or m/s, the same
@@ -90,13 +97,13 @@ class ModelCase:
     joint: int
     size: float
     seed: int
-    kind: str = KIND
+    kind: str = "single"
 
     def true_table(self) -> Table:
         """The robot file with the true masses, centres of mass and inertias."""
         rng, table = seeded_generator(str(self.seed), "base"), copy.deepcopy(self.robot.table)
         for joint in table["joint"]:
-            off = SCATTER * np.clip(rng.standard_normal(5), -MOST_DEVIATIONS, MOST_DEVIATIONS)
+            off = SCATTER * np.clip(rng.standard_normal(5), -MOST_MASS_DEVIATIONS, MOST_MASS_DEVIATIONS)
             center = np.array(joint["center_of_mass"])
             joint["mass"] *= 1.0 + float(off[0])
             joint["center_of_mass"] = (center + np.linalg.norm(center) * off[1:4]).tolist()
@@ -104,10 +111,10 @@ class ModelCase:
         return table
 
     def label(self) -> Table:
-        """The truth that is sealed; a case without an effect is scored as those of the kind "none"."""
+        """The truth that is sealed."""
         named = [f"{self.effect}@{self.joint}"] if self.effect else []
         return {
-            "kind": "single" if self.effect else "none",
+            "kind": self.kind,
             "verdict": named,
             "sizes": [self.size] * len(named),
             "background": 0.0,
@@ -119,21 +126,67 @@ class ModelCase:
         return
 
 
-def draw_model_cases(seed: str, count: int, text: str) -> tuple[ModelCase, ...]:
-    """Draw the first cases of a model: with one effect and without one by turns, all effects one after the other.
+@cache
+def read_model_text(model: str) -> str:
+    """Read the robot file of a model.
+
+    Args:
+        model: the path of a URDF or an MJCF, which is imported, or of a robot.toml with joints in space.
+
+    Returns:
+        The robot file's text.
+
+    Raises:
+        ModelError: the model cannot be imported, or no such robot file can be read.
+
+    """
+    if is_model_file(model):
+        return import_model(model).text
+    try:
+        table = read_toml(Path(model), MOST_ROBOT_BYTES, "give a URDF, an MJCF or a robot.toml")
+        text = Path(model).read_text(encoding="utf-8-sig")
+    except InputFileError as error:
+        raise ModelError(str(error)) from None
+    joints = table.get("joint")
+    if "tip" not in table or not isinstance(joints, list) or not all(map(_is_rigid_in_space, joints)):
+        raise ModelError(
+            f"{show_path(Path(model))}: found no rigid joints in space at ratio 1, possible are those of a URDF,"
+            " an MJCF or the long form of robot.toml; name such a file."
+        )
+    return text
+
+
+def _is_rigid_in_space(joint: Any) -> bool:
+    """Whether a table of a robot file is a rigid joint of the long form at ratio 1, with its numbers stated plainly."""
+    if not isinstance(joint, dict) or not isinstance(drive := joint.get("drive"), dict):
+        return False
+    lists = [joint.get(key) for key in ("origin", "rotation", "axis", "center_of_mass", "inertia")]
+    numbers = [drive.get(key) for key in ("motor_inertia", "viscous_friction", "coulomb_friction")]
+    plain = all(isinstance(one, list) for one in lists) and all(isinstance(one, float) for one in numbers)
+    return plain and isinstance(joint.get("mass"), float) and drive.get("rigid") is True and drive.get("ratio") == 1.0
+
+
+def draw_model_cases(seed: str, population: Population, count: int) -> tuple[ModelCase, ...]:
+    """Draw the first cases of a model: all effects one after the other, or none.
 
     Args:
         seed: the seed of the check.
+        population: kind and model.
         count: how many cases.
-        text: the robot file of the model.
 
     Returns:
         The cases, in an order that the seed decides; a larger ``count`` appends to them.
 
+    Raises:
+        ModelError: the model cannot be read.
+
     """
+    text, own = read_model_text(population.model), population.seed_family(seed)
     table = tomllib.loads(text)
-    order = seeded_generator(seed, KIND, "order").permutation(_list_possible_effects(table)).tolist()
-    return tuple(_draw_case(seed, index, text, len(table["joint"]), order) for index in range(count))
+    order = [""]
+    if population.kind != "none":
+        order = seeded_generator(own, "order").permutation(_list_possible_effects(table)).tolist()
+    return tuple(_draw_case(own, population.kind, index, text, order) for index in range(count))
 
 
 def _list_possible_effects(table: Table) -> list[str]:
@@ -143,12 +196,12 @@ def _list_possible_effects(table: Table) -> list[str]:
     return [one for one in EFFECTS if (one != "motor_inertia" or rotors) and (one != "gravity_tilt" or weighs)]
 
 
-def _draw_case(seed: str, index: int, text: str, count: int, order: list[str]) -> ModelCase:
-    rng = seeded_generator(seed, KIND, index)
-    effect = "" if index % 2 else order[index // 2 % len(order)]
+def _draw_case(seed: str, kind: str, index: int, text: str, order: list[str]) -> ModelCase:
+    rng, robot = seeded_generator(seed, kind, index), ModelRobot(text)
+    effect, count = order[index % len(order)], len(robot.table["joint"])
     joint = {"payload": count, "gravity_tilt": 0}.get(effect, int(rng.integers(1, count + 1)))
-    name = purpose_digest(seed, KIND, index, "name").hex()[:16]
-    return ModelCase(name, ModelRobot(text), effect, joint, float(rng.random()), int(rng.integers(2**62)))
+    name = purpose_digest(seed, kind, index, "name").hex()[:16]
+    return ModelCase(name, robot, effect, joint, float(rng.random()), int(rng.integers(2**62)), kind)
 
 
 @dataclass(frozen=True, eq=False)
