@@ -25,11 +25,7 @@ LINK_PARAMETERS = ("M", "MX", "MY", "MZ", "XX", "YY", "ZZ", "XY", "XZ", "YZ")
 STATES_PER_JOINT = 12  # random ones: several times as many torques as parameters
 SPEED, ACCELERATION = 3.0, 10.0  # of the random states, rad/s and rad/s²
 INDEPENDENCE = 1e-8  # of a column, from which its part across the others is more than rounding
-<<<<<<< HEAD
-COEFFICIENT_ROUNDING = 1e-7  # of a coefficient
-=======
 RANK_ROUNDING = 1e-7  # of a coefficient
->>>>>>> main
 
 
 @dataclass(frozen=True)
@@ -52,15 +48,6 @@ class _FreeBodies(ChainDynamics):
     bodies: Any
 
     def rigid_bodies(self, p: Mapping[str, Any]) -> list[Body]:
-        """Make the links of ``bodies``.
-
-        Args:
-            p: Not read.
-
-        Returns:
-            The links, base first.
-
-        """
         found = []
         for j, link in enumerate(self.links):
             mass, x, y, z, *inertia = ca.vertsplit(self.bodies[10 * j : 10 * j + 10])
@@ -105,11 +92,7 @@ def find_base_parameters(chain: ChainDynamics, values: Mapping[str, float]) -> t
 def _clean(value: float) -> float:
     """A coefficient without what only rounding keeps from a whole number."""
     near = float(round(value))
-<<<<<<< HEAD
-    return near if abs(value - near) < COEFFICIENT_ROUNDING else float(value)
-=======
     return near if abs(value - near) < RANK_ROUNDING else float(value)
->>>>>>> main
 
 
 def evaluate_regressor(chain: ChainDynamics, values: Mapping[str, float]) -> np.ndarray:
