@@ -10,8 +10,7 @@ import casadi as ca
 
 from gen.builder.effect_description import describe_catalogue
 from gen.c_code import headers, vectorized_closed_loop, vectorized_dynamics
-from gen.c_code.emitter import emit_preparation
-from gen.c_code.function_parts import emit_function
+from gen.c_code.function_parts import emit_function, emit_preparation
 from gen.effects.effect import Effect
 from gen.effects.file_numbers import FILE_NUMBERS, FileNumber
 from gen.model.arm_model import Model
@@ -25,7 +24,7 @@ INCLUDES = '#include "hda.h"\n\n#include <math.h>\n\n'
 TEMPLATES = resources.files("gen") / "templates"
 
 
-PARTS_IN_FILE = 2  # of long functions
+PARTS_IN_FILE = 1  # of long functions
 
 
 def count_operations(f: ca.Function) -> int:
@@ -174,7 +173,7 @@ def make_files(
         "hda_laws.c": [f for f in scalar if f.name in ticks],
         "hda_model.c": [f for f in scalar if f.name != "prepare" and f.name not in ticks],
     }
-    files["hda_prepare.c"] = INCLUDES + emit_preparation(graphs.preparation)
+    files |= _print_group("hda_prepare.c", [emit_preparation(graphs.preparation)])
     for file, group in groups.items():
         files |= _print_group(file, [emit_function(f.graph, f.name) for f in group])
     if lanes:

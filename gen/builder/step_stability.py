@@ -28,6 +28,7 @@ LARGEST_STABLE_MODE = 2.78  # h |λ| of modes
 LARGEST_SMOOTH_FRICTION = 1.0  # h |λ| of smooth friction
 LARGEST_ACCURATE_MODE = 0.5  # h |λ| of modes, worth a remark
 STABILITY_GRID_POINTS = 256  # configurations, about
+MOST_GRID_POINTS = 4**5  # of a whole grid
 FRICTIONLESS_FACTOR = 1e12  # factor on the width of smooth friction that takes it out of A
 
 
@@ -287,7 +288,8 @@ def _bound_friction_rates(linear: _Linearization) -> tuple[tuple[float, ...], fl
 
 def _configuration_grid(model: Model) -> np.ndarray:
     """Configurations (points × n): full turns of every revolute joint but the first, on which A hardly depends, with
-    straight and folded arm; the stated range of every prismatic joint, ±1 m where none is stated."""
+    straight and folded arm; the stated range of every prismatic joint, ±1 m where none is stated. Of a long arm
+    the first and a fixed random choice of the others."""
     count = 2 * max(2, int(STABILITY_GRID_POINTS ** (1 / max(model.n - 1, 1)) / 2))
     axes: list[np.ndarray] = []
     for joint in model.robot.joints:
@@ -297,7 +299,11 @@ def _configuration_grid(model: Model) -> np.ndarray:
             axes.append(np.arange(count) * (2 * np.pi / count))
         else:
             axes.append(np.zeros(1))
-    return np.array(list(itertools.product(*axes)))
+    if math.prod(map(len, axes)) <= MOST_GRID_POINTS:
+        return np.array(list(itertools.product(*axes)))
+    rng = np.random.default_rng(0)
+    drawn = np.column_stack([rng.choice(axis, STABILITY_GRID_POINTS) for axis in axes])
+    return np.vstack([[axis[0] for axis in axes], drawn])
 
 
 def _round_to_three_digits(value: float, toward: Any) -> str:

@@ -11,8 +11,6 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from gen.model.right_hand_side import Preparation
-
 BINARY_OPERATORS = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
 COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 C_FUNCTIONS = {
@@ -237,35 +235,3 @@ def list_unused_inputs(f: ca.Function, text: str) -> list[str]:
 
     """
     return [f.name_in(k) for k in range(f.n_in()) if f" {f.name_in(k)}[" not in f" {text}"]
-
-
-def emit_preparation(prepared: Preparation) -> str:
-    """Print `hda_prepare`: the springs' inverses joint by joint, then all other constants.
-
-    Args:
-        prepared: The two parts of the function p -> c.
-
-    Returns:
-        The C text.
-
-    """
-    parts, count = [], 0
-    if prepared.inverse is not None:
-        count = prepared.inverse.numel_out(0)
-        parts.append(scalar_function(prepared.inverse, "", "static void inverse(const double *i0, double *o0)"))
-        rows = ", ".join("{" + ", ".join(map(str, row)) + "}" for row in prepared.keys)
-        width = len(prepared.keys[0])
-        parts.append(f"static const int taken[][{width}] = {{{rows}}};\n")
-    parts.append(scalar_function(prepared.rest, "", "static void rest(const double *i0, const double *i1, double *o0)"))
-    lines = [f"double coefficients[{max(1, count * len(prepared.keys))}] = {{0}};"]
-    if prepared.inverse is not None:
-        lines += [
-            f"for (int j = 0; j < {len(prepared.keys)}; j++) {{",
-            f"    double keys[{width}];",
-            f"    for (int k = 0; k < {width}; k++) keys[k] = p[taken[j][k]];",
-            f"    inverse(keys, coefficients + j * {count});",
-            "}",
-        ]
-    lines.append("rest(p, coefficients, c);")
-    body_text = "".join(f"    {line}\n" for line in lines)
-    return "\n".join(parts) + f"\nvoid hda_prepare(const double *p, double *c) {{\n{body_text}}}\n"

@@ -12,9 +12,10 @@ import re
 import casadi as ca
 
 from gen.c_code.emitter import c_signature, emit_body, list_unused_inputs, scalar_function
+from gen.model.right_hand_side import Preparation
 
 LONGEST_FUNCTION = 16000  # statements, from which a function is printed in parts
-LONGEST_PART = 4000  # statements of one part
+LONGEST_PART = 8000  # statements of one part
 DEFINITION = re.compile(r"const double (t\d+) = (.*);")
 VALUE = re.compile(r"\bt\d+\b")
 
@@ -38,7 +39,7 @@ def emit_function(f: ca.Function, name: str) -> tuple[str, list[str]]:
     lines = emit_body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
     computed = [line for line in lines if line.startswith("const ")]
     stored = [line for line in lines if not line.startswith("const ")]
-    definitions = [found.groups() for line in computed if (found := DEFINITION.fullmatch(line))]
+    definitions = [(found[1], found[2]) for line in computed if (found := DEFINITION.fullmatch(line))]
     again = {value: text for value, text in definitions if not VALUE.search(text) and "(" not in text}
     steps = [pair for pair in definitions if pair[0] not in again]
     blocks = [steps[k : k + LONGEST_PART] for k in range(0, len(steps), LONGEST_PART)]
@@ -65,9 +66,45 @@ def emit_function(f: ca.Function, name: str) -> tuple[str, list[str]]:
     return whole, parts
 
 
-def _assign_places(
-    blocks: list[list[tuple[str, str]]], reads: list[dict[str, None]]
-) -> tuple[dict[str, int], int]:
+def emit_preparation(prepared: Preparation) -> tuple[str, list[str]]:
+    """Print `hda_prepare`: the springs' inverses joint by joint, then all other constants.
+
+    Args:
+        prepared: The two parts of the function p -> c.
+
+    Returns:
+        The C text, and those of the parts of its long function.
+
+    """
+    parts, count = [], 0
+    if prepared.inverse is not None:
+        count = prepared.inverse.numel_out(0)
+        parts.append(scalar_function(prepared.inverse, "", "static void inverse(const double *i0, double *o0)"))
+        rows = ", ".join("{" + ", ".join(map(str, row)) + "}" for row in prepared.keys)
+        width = len(prepared.keys[0])
+        parts.append(f"static const int taken[][{width}] = {{{rows}}};\n")
+    name, split = "rest", list[str]()
+    if prepared.rest.n_instructions() > LONGEST_FUNCTION:
+        text, split = emit_function(prepared.rest, "prepare_rest")
+        name = "hda_prepare_rest"
+    else:
+        text = scalar_function(prepared.rest, "", "static void rest(const double *i0, const double *i1, double *o0)")
+    parts.append(text)
+    lines = [f"double coefficients[{max(1, count * len(prepared.keys))}] = {{0}};"]
+    if prepared.inverse is not None:
+        lines += [
+            f"for (int j = 0; j < {len(prepared.keys)}; j++) {{",
+            f"    double keys[{width}];",
+            f"    for (int k = 0; k < {width}; k++) keys[k] = p[taken[j][k]];",
+            f"    inverse(keys, coefficients + j * {count});",
+            "}",
+        ]
+    lines.append(f"{name}(p, coefficients, c);")
+    body_text = "".join(f"    {line}\n" for line in lines)
+    return "\n".join(parts) + f"\nvoid hda_prepare(const double *p, double *c) {{\n{body_text}}}\n", split
+
+
+def _assign_places(blocks: list[list[tuple[str, str]]], reads: list[dict[str, None]]) -> tuple[dict[str, int], int]:
     """The place in the array of each value that crosses parts, used again once it was read for the last time."""
     made = {value: k for k, block in enumerate(blocks) for value, _ in block}
     last = {value: k for k, read in enumerate(reads) for value in read if value in made}

@@ -150,23 +150,21 @@ class ArmMotion:
         lacking = self.base.squared_frequency * load[:BASE_JOINTS] + self.base.pulls - accelerations[self.model.n :]
         return ca.vertcat(load[BASE_JOINTS:], lacking)
 
-    def solve_slopes(self, slopes: Any) -> Any:
-        """Find the derivatives of the accelerations from those of `unbalanced_load`.
-
-        Args:
-            slopes: Derivatives of the torques that a motion lacks (n × k, with a base that turns n + 3).
+    def invert_residual(self) -> Any:
+        """Find the accelerations by what `unbalanced_load` lacks.
 
         Returns:
-            The derivatives of the accelerations, of the same shape.
+            The derivatives of a and b by each torque that is added (n × n, with a base that turns n + 3 square).
 
         """
         M = self.mass_matrix()
         if self.base is None:
-            return invert_symmetric(M) @ slopes
+            return invert_symmetric(M)
         n = self.model.n
         condensed, _ = self.base.condense(M, SX.zeros(self.chain.n))
-        found = invert_symmetric(condensed) @ self.base.condense_slopes(M, slopes[:n, :], slopes[n:, :])
-        return ca.vertcat(found, self.base.find_slopes(M, slopes[n:, :], found))
+        by_load, by_base = SX.eye(n + BASE_JOINTS)[:n, :], SX.eye(n + BASE_JOINTS)[n:, :]
+        slopes = invert_symmetric(condensed) @ self.base.condense_slopes(M, by_load, by_base)
+        return ca.vertcat(slopes, self.base.find_slopes(M, by_base, slopes))
 
     # -- parts ------------------------------------------------------------------------------------------------------
 

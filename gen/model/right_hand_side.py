@@ -350,6 +350,7 @@ def _rate_jacobians(model: Model) -> list[Any]:
         for j in model.flexible
     ]
     accelerations = motion.equations_of_motion(drives)[0][places]
+    by_unknown = ca.jacobian(rate, a) @ motion.invert_residual()
     out = []
     for w in (model.x, model.u, model.p):
         by_load, by_rate = ca.jacobian(load, w), ca.jacobian(rate, w)
@@ -360,7 +361,7 @@ def _rate_jacobians(model: Model) -> list[Any]:
             by_load, by_rate = (
                 by + ca.jacobian(of, spring[j]) @ slack for by, of in ((by_load, load), (by_rate, rate))
             )
-        total = by_rate + ca.jacobian(rate, a) @ motion.solve_slopes(by_load)
+        total = by_rate + by_unknown @ by_load  # most parameters stand in one torque: a column of the product each
         total = ca.substitute(total, a, accelerations)
         if spring:
             total = ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*torques))

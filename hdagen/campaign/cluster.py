@@ -17,17 +17,19 @@ if TYPE_CHECKING:
     from distributed import Client, LocalCluster
 
 ANSWER_SECONDS = 10.0  # s in which a scheduler must answer
+_UNUSED_CHECKS = ("idle-timeout", "no-workers-timeout")  # of the scheduler, four times a second
 _REPORT_INTERVAL = 5.0  # s between reports of workers here; Dask's own is 0.5 s, which costs as much as the rest
 _LOCAL_ADDRESS = "127.0.0.1"
 _SETTINGS: dict[str, Any] = {
     **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},  # a kill is the limit
     "distributed.admin.large-graph-warning-threshold": "1TB",  # logs travel in their task
     "distributed.deploy.lost-worker-timeout": "8760h",  # a worker that starts again is not given up
-    "distributed.worker.memory.monitor-interval": "200ms",
+    "distributed.worker.memory.monitor-interval": "500ms",
     # What Dask does on its own while tasks run, which takes 3 % of a processor on each worker:
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.tick.limit": "1h",
+    "distributed.admin.tick.cycle": "10s",
     "distributed.admin.system-monitor.interval": "5s",
     "distributed.admin.system-monitor.disk": False,
     "distributed.scheduler.work-stealing": False,  # this side chooses the worker
@@ -115,6 +117,9 @@ def _connect(asked: ClusterRequest, say: Callable[[str], None]) -> Iterator[tupl
         silence_logs=logging.CRITICAL + 1,
         scheduler_sync_interval=3600,  # s
     )
+    assert cluster.scheduler is not None
+    for name in _UNUSED_CHECKS:
+        cluster.scheduler.periodic_callbacks[name].callback_time = 60_000  # ms
     try:
         with Client(cluster) as client:
             if _has_dashboard():

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 MOST_BUILDS_OF_TASK = 8  # builds that a worker without a compiler may ask for
 MOST_KILLED_WORKERS = 3  # workers that a task may end before it is refused
-_TIME_CHECK_INTERVAL = 0.2  # s between looks at time limits and workers
+_TIME_CHECK_INTERVAL = 1.0  # s between looks at time limits and workers
+_LONELY_CHECK_INTERVAL = 0.2  # s between looks while no task is on a worker
 _REPLY_SECONDS = 60.0  # s in which the result of a task that has ended must arrive
 _LONGEST_WAIT_FOR_WORKERS = 600.0  # s without any worker
 
@@ -193,7 +194,7 @@ class DaskRunner:
 
     def _collect_ended(self) -> Iterator[tuple[_Attempt, Outcome]]:
         """Outcomes of tasks that ended, after waiting a moment for the first."""
-        patience = _TIME_CHECK_INTERVAL
+        patience = _TIME_CHECK_INTERVAL if self._waiting else _LONELY_CHECK_INTERVAL
         with suppress(queue.Empty):
             while True:
                 future = self._ended.get(timeout=patience)

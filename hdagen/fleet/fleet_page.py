@@ -17,6 +17,7 @@ from hdagen.pages.number_table import TableCell
 LEAST_PROBABILITY = 0.05  # probability from which an effect stands in the map
 MOST_DRAWN_EFFECTS = 24  # effects in the map
 MOST_MACHINES = 60  # machines in the map and in the bars; more are in the table alone
+MOST_LISTED_NAMES = 20  # of machines with an effect; the table of machines, searched for the effect, shows all
 MOST_DRAWN_DRIFTS, MOST_LISTED_DRIFTS, MOST_OUTLIERS = 6, 200, 200
 
 
@@ -113,8 +114,9 @@ def _build_machines_section(results: Sequence[MachineResult]) -> page.Section:
     for one in results:
         name, *figures = build_machine_cells(one)
         rows.append([name, one.machine.date, *figures])
+    links = [_find_report(one) for one in results]
     table = figure.draw_table(
-        "Machines", headings, rows, digits=3, links=[_find_report(one) for one in results], searchable=True
+        "Machines", headings, rows, digits=3, links=links, sentences=(HEADINGS[1],), searchable=True
     )
     return page.Section("What is missing where", text, [table])
 
@@ -187,7 +189,9 @@ def _draw_drift(one: Drift) -> str:
     ]
     title = f"{_shorten_robot(one.robot)}: {one.parameter}"
     unit = one.unit or "1"
-    return figure.draw_plane(title, curves, x_label="day (1)", y_label=f"value ({unit})", equal=False)
+    return figure.draw_plane(
+        title, curves, x_label="time since the first log (d)", y_label=f"value ({unit})", equal=False
+    )
 
 
 def _shorten_robot(robot: str) -> str:
@@ -242,12 +246,12 @@ def _build_common_section(done: Sequence[MachineResult]) -> page.Section:
         value_label="probability of being present",
     )
     rows: list[list[TableCell]] = [
-        [describe_effect(effect), len(machines), ", ".join(machines)]
+        [describe_effect(effect), len(machines), _list_names(machines)]
         for effect, machines in summarize_fleet(done)["effects"].items()
     ]
     figures = [chart]
     if rows:
-        figures.append(figure.draw_table("Named on", ("effect", "machines", "which"), rows))
+        figures.append(figure.draw_table("Named on", ("effect", "machines", "which"), rows, sentences=("which",)))
     text = (
         f"{_say_first_machines(done)}An effect on most machines of a kind is one that their model lacks; one on a"
         " single machine is that machine's own."
@@ -255,20 +259,32 @@ def _build_common_section(done: Sequence[MachineResult]) -> page.Section:
     return page.Section("What they have in common", text, figures)
 
 
+def _list_names(names: Sequence[str]) -> str:
+    """Names of machines, the first of many."""
+    text = ", ".join(names[:MOST_LISTED_NAMES])
+    if len(names) > MOST_LISTED_NAMES:
+        text += f" and {len(names) - MOST_LISTED_NAMES} more"
+    return text
+
+
 def _build_logs_section(results: Sequence[MachineResult]) -> page.Section:
     """The remarks on each log: reasons of refusal, repairs, warnings."""
-    parts = []
+    rows: list[list[TableCell]] = []
+    links = []
     for one, row in zip(results, summarize_fleet(results)["machines"], strict=True):
         said = [*row["says"], *row.get("repaired", []), *row.get("warnings", [])]
         if said or one.row is None:
-            parts.append(f"{one.machine.name}, {one.status_word}: {' '.join(said)}".removesuffix(": "))
+            rows.append([one.machine.name, one.status_word, " ".join(said)])
+            links.append(_find_report(one))
     text = (
         "A log that is refused says what to record; what failed or was not run is tried again by the same command. "
         "What was repaired was repaired in memory alone."
     )
-    if not parts:
+    if not rows:
         return page.Section("The logs", "All logs were used as they are.")
-    return page.Section("The logs", "\n\n".join([text, *parts]))
+    columns = ("machine", "it is", "remarks")
+    table = figure.draw_table("Remarks on logs", columns, rows, links=links, sentences=("remarks",), searchable=True)
+    return page.Section("The logs", text, [table])
 
 
 def _say_first_machines(done: Sequence[MachineResult]) -> str:

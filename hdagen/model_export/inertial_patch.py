@@ -14,7 +14,7 @@ from hdagen.model_export.xml_text import XmlElement
 MADE_ANEW = "the compiler of the model takes masses from shapes or scales them (inertiafromgeom, settotalmass)"
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 _DIGITS = 12  # of a number that is a sum of others
-_ROUNDING = 1e-11
+_SUM_ROUNDING = 1e-11
 
 
 def makes_masses_anew(text: ModelText) -> bool:
@@ -102,7 +102,7 @@ def _round_body(body: LinkBody) -> LinkBody:
 
 
 def _round(value: float, largest: float) -> float:
-    if abs(value) <= _ROUNDING * largest * 1e-3:
+    if abs(value) <= _SUM_ROUNDING * largest * 1e-3:
         return 0.0
     return float(f"{value:.{_DIGITS}g}")
 
@@ -110,7 +110,8 @@ def _round(value: float, largest: float) -> float:
 def _differ(old: Sequence[float], new: Sequence[float]) -> bool:
     size = max(map(abs, old), default=0.0)
     return any(
-        not math.isclose(a, b, rel_tol=_ROUNDING, abs_tol=_ROUNDING * size) for a, b in zip(old, new, strict=True)
+        not math.isclose(a, b, rel_tol=_SUM_ROUNDING, abs_tol=_SUM_ROUNDING * size)
+        for a, b in zip(old, new, strict=True)
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 
-AXIS_NAMES = "xyz"
+SPATIAL_AXES = "xyz"
 INERTIA_ENTRIES = ("xx", "yy", "zz", "xy", "xz", "yz")
 NO_TURN = (1.0, 0.0, 0.0, 0.0)
 _COMPARED_POSES = 40  # at which the weight of a tilted arm is compared
@@ -54,7 +54,7 @@ class LinkBody:
             yield "center_of_mass", self.center[0], "m"
             yield "inertia", self.inertia[2], "kg m²"
             return
-        for axis, place in zip(AXIS_NAMES, self.center, strict=True):
+        for axis, place in zip(SPATIAL_AXES, self.center, strict=True):
             yield f"center_of_mass_{axis}", place, "m"
         for entry, moment in zip(INERTIA_ENTRIES, self.inertia, strict=True):
             yield f"inertia_{entry}", moment, "kg m²"
@@ -92,7 +92,7 @@ def read_link_body(arm: Arm, j: int) -> LinkBody:
     """
     p = arm.parameters
     if arm.moves_in_space:
-        center = _make_vector(p[f"center_of_mass_{axis}_{j}"] for axis in AXIS_NAMES)
+        center = _make_vector(p[f"center_of_mass_{axis}_{j}"] for axis in SPATIAL_AXES)
         return LinkBody(p[f"mass_{j}"], center, tuple(p[f"inertia_{entry}_{j}"] for entry in INERTIA_ENTRIES))
     inertia = p[f"inertia_{j}"]
     return LinkBody(p[f"mass_{j}"], (p[f"center_of_mass_{j}"], 0.0, 0.0), (inertia,) * 3 + (0.0,) * 3)
@@ -109,7 +109,7 @@ def read_tip(arm: Arm) -> tuple[Frame, LinkBody]:
 
     """
     p = arm.parameters
-    center = _make_vector(p.get(f"payload_{axis}_{arm.n}", 0.0) for axis in AXIS_NAMES)
+    center = _make_vector(p.get(f"payload_{axis}_{arm.n}", 0.0) for axis in SPATIAL_AXES)
     payload = LinkBody(p.get(f"payload_mass_{arm.n}", 0.0), center)
     if arm.moves_in_space:
         tip = arm.robot["tip"]
@@ -130,7 +130,7 @@ def read_gravity(arm: Arm) -> Vector:
     p = arm.parameters
     if not arm.moves_in_space:
         return (p["gravity_x"] + p.get("tilt_x", 0.0), p["gravity_y"] + p.get("tilt_y", 0.0), 0.0)
-    gravity = np.array([p[f"gravity_{axis}"] for axis in AXIS_NAMES])
+    gravity = np.array([p[f"gravity_{axis}"] for axis in SPATIAL_AXES])
     tilts = [name for name in p if name.startswith("tilt_") and p[name]]
     if tilts:
         gravity = gravity + _find_tilt(arm, tilts)
@@ -150,8 +150,8 @@ def _find_tilt(arm: Arm, tilts: list[str]) -> Array:
 
     level = dict.fromkeys(tilts, 0.0)
     units = [
-        compute_weight(level | {f"gravity_{other}": float(other == axis) for other in AXIS_NAMES})
-        for axis in AXIS_NAMES
+        compute_weight(level | {f"gravity_{other}": float(other == axis) for other in SPATIAL_AXES})
+        for axis in SPATIAL_AXES
     ]
     added = compute_weight({}) - compute_weight(level)
     return np.asarray(np.linalg.lstsq(np.stack(units, axis=1), added)[0])

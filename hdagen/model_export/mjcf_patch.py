@@ -23,6 +23,7 @@ from hdagen.model_export.mjcf_document import write_delay_attributes, write_numb
 from hdagen.model_export.model_text import ModelText
 from hdagen.model_export.mujoco_machine import import_mujoco
 from hdagen.model_export.number_changes import list_number_changes
+from hdagen.model_export.spring_patch import patch_spring
 from hdagen.model_export.xml_text import XmlElement
 from hdagen.support.messages import join_names, join_nearest_names, show_path
 
@@ -122,12 +123,13 @@ def patch_model(path: Path, out: Path, before: RobotNumbers, after: RobotNumbers
         pair = next(((old, new) for old, new in joints if new.name == place), None)
         if pair is not None and key in (*_JOINT_QUANTITIES, *_MOTOR_QUANTITIES, "sensor_delay"):
             patch.check_number(pair[0], key)
-        else:
+        elif not key.startswith("torsion."):
             patch.leave_out(change)
     for old, new in zip(before.joints, after.joints, strict=True):
         patch.correct_joint(old, new)
         patch.correct_motor(old, new)
         patch.correct_encoder(old, new)
+        patch.correct_spring(old, new)
     written = tuple(change for change in changes if change.where not in patch.left_out)
     if changes and not written:
         raise PlantError(
@@ -285,6 +287,21 @@ class _ModelPatch:
             if why:
                 self._leave_out_number(new, key, why)
 
+    def correct_spring(self, old: JointNumbers, new: JointNumbers) -> None:
+        """Change the spring of a joint, or put one in series."""
+        if old.transmission == new.transmission or new.transmission is None:
+            return
+        joint = self.find_element("worldbody", {"name": new.name}, ("joint",))
+        why = patch_spring(self.text, joint, new, is_new=old.transmission is None)
+        if why:
+            for key in ("linear", "cubic", "damping", "play"):
+                self._leave_out_number(new, f"torsion.{key}", why)
+        elif old.transmission is None:
+            self.notes.append(
+                f"{new.name}: its position is now the rotor's, and {new.name}_torsion is the link's against it; the "
+                f"spring asks for a timestep below that of a rigid joint, which is {self.step:g} s here."
+            )
+
     def correct_encoder(self, old: JointNumbers, new: JointNumbers) -> None:
         """Change the delay of a joint's position sensor."""
         if old.sensor_delay == new.sensor_delay:
@@ -308,5 +325,4 @@ class _ModelPatch:
             element.set_attribute(name, value.strip('"'))
 
     def _leave_out_number(self, joint: JointNumbers, key: str, why: str) -> None:
-        unit = next((u for k, u in (("delay", "s"), ("sensor_delay", "s"), ("lag", "s")) if k == key), "")
-        self.leave_out(ExportedNumber(f"{joint.name}.{key}", None, getattr(joint, key), unit), why)
+        self.left_out[f"{joint.name}.{key}"] = f"{why}."

@@ -32,8 +32,8 @@ class ModelText:
             raise PlantError(str(error)) from None
         self.included: list[_IncludedText] = []
         self._follow_includes(self.main)
-        texts = [self.main, *(one.text for one in self.included)]
-        self.elements = [element for text in texts for element in text.elements]
+        self.texts = [self.main, *(one.text for one in self.included)]
+        self.elements = [element for text in self.texts for element in text.elements]
 
     def find_child(self, parent: XmlElement, tag: str) -> XmlElement | None:
         """Find an element right inside another one, in whichever file.

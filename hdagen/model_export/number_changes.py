@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from hdagen.model_export.corrected_robot import CorrectedRobot
 from hdagen.model_export.export_formats import ExportedNumber
 from hdagen.model_export.joint_numbers import JointNumbers, RobotNumbers, list_unheld_effects
-from hdagen.model_export.link_numbers import AXIS_NAMES
+from hdagen.model_export.link_numbers import SPATIAL_AXES
 
 _UNITS = {  # of a joint that turns; one that slides has m for rad and N for N m
     "armature": "kg m²",
@@ -41,12 +41,12 @@ def list_number_changes(before: RobotNumbers, after: RobotNumbers) -> tuple[Expo
 
     """
     changes = []
-    for axis, level, tilted in zip(AXIS_NAMES, before.gravity, after.gravity, strict=True):
+    for axis, level, tilted in zip(SPATIAL_AXES, before.gravity, after.gravity, strict=True):
         if _differ(level, tilted):
             changes.append(ExportedNumber(f"gravity_{axis}", level, tilted, "m/s²"))
     if _differ(before.payload.mass, after.payload.mass):
         changes.append(ExportedNumber("payload", before.payload.mass, after.payload.mass, "kg"))
-    for axis, level, moved in zip(AXIS_NAMES, before.payload.center, after.payload.center, strict=True):
+    for axis, level, moved in zip(SPATIAL_AXES, before.payload.center, after.payload.center, strict=True):
         if _differ(level, moved):
             changes.append(ExportedNumber(f"payload_{axis}", level, moved, "m"))
     for old, new in zip(before.joints, after.joints, strict=True):

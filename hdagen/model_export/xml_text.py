@@ -33,6 +33,8 @@ class XmlElement:
     removed: list[str] = field(default_factory=list)
     added_children: list[str] = field(default_factory=list)
     new_tag: str | None = None
+    replacement: str | None = None
+    wrapping: tuple[str, str] | None = None
 
     @property
     def container(self) -> XmlElement | None:
@@ -148,6 +150,12 @@ class XmlText:
     def _list_edits(self, element: XmlElement) -> list[tuple[int, int, bytes]]:
         """Begin, end and new text of each change to an element."""
         edits = []
+        if element.wrapping is not None:
+            before, after = element.wrapping
+            end = self._find_end(element)
+            edits += [(element.begin, element.begin, before.encode()), (end, end, after.encode())]
+        if element.replacement is not None:
+            return [*edits, (element.begin, self._find_end(element), element.replacement.encode())]
         head = self._content[element.begin : element.end]
         found = {match[1].decode(): match for match in _ATTRIBUTE_PATTERN.finditer(head)}
         spans = {name: match.span(2) for name, match in found.items()}
@@ -170,6 +178,25 @@ class XmlText:
                 at = element.closing + 2
                 edits.append((at, at + len(element.tag.encode()), element.new_tag.encode()))
         return edits
+
+    def _find_end(self, element: XmlElement) -> int:
+        """The byte after an element with all that is in it."""
+        if self._content[element.closing : element.closing + 2] == b"</":
+            return self._content.index(b">", element.closing) + 1
+        return element.end
+
+    def find_indent(self, element: XmlElement) -> str:
+        """Find the blanks before an element that begins its line.
+
+        Args:
+            element: The element.
+
+        Returns:
+            The blanks; none where something else stands on its line.
+
+        """
+        line = self._content[: element.begin].rpartition(b"\n")[2]
+        return "" if line.strip() else line.decode()
 
     def _insert_children(self, element: XmlElement, head: bytes) -> tuple[int, int, bytes]:
         """The edit that puts children in front of an element's content, each on a line of its own."""

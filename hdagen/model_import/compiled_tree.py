@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 JOINT_KINDS = {0: "free", 1: "ball", 2: "prismatic", 3: "revolute"}  # mjtJoint
 TENSOR_ERROR = 1e-9  # of the largest entry, by which principal axes may differ from the six numbers
 PLACEHOLDER = 1e-6  # kg and kg m² of a moving body without mass, which MuJoCo refuses; taken off again
+LARGEST_NUMBER = 1e12  # of a body or a frame, whose products then stay numbers
 NO_LIMIT = 1e6  # from here on a limit stands for none: URDF demands one of every joint
 NO_MUJOCO = "pip install 'hdagen[mujoco]'"
 
@@ -172,18 +173,25 @@ def compile_tree(file: ModelFile) -> Tree:
 
 
 def _check_finite(model: Any, file: ModelFile) -> None:
-    """Refuse a model with numbers that are not finite, at the first body or joint that has one."""
+    """Refuse a model with numbers that no arithmetic carries, at the first body or joint that has one."""
     of_bodies = ("body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia")
-    of_joints = ("jnt_pos", "jnt_axis", "jnt_range", "jnt_actfrcrange")
+    of_joints = ("jnt_pos", "jnt_axis")
     for kind, count, names in (("body", model.nbody, of_bodies), ("joint", model.njnt, of_joints)):
         for k in range(count):
-            if not all(np.isfinite(getattr(model, name)[k]).all() for name in names):
+            if not all(_are_usable(getattr(model, name)[k]) for name in names):
                 raise ModelError(
-                    f"{file.label}, {kind} {getattr(model, kind)(k).name}: found NaN or infinity, possible are numbers;"
-                    " correct it."
+                    f"{file.label}, {kind} {getattr(model, kind)(k).name}: found NaN, infinity or a number beyond"
+                    f" {LARGEST_NUMBER:g}, possible are numbers; correct it."
                 )
-    if not all(np.isfinite(part).all() for part in (model.qpos0, model.opt.gravity)):
-        raise ModelError(f"{file.label}: found NaN or infinity in <option> or ref, possible are numbers; correct it.")
+    if not (_are_usable(model.qpos0) and _are_usable(model.opt.gravity)):
+        raise ModelError(
+            f"{file.label}: found NaN, infinity or a number beyond {LARGEST_NUMBER:g} in <option> or ref, possible are"
+            " numbers; correct it."
+        )
+
+
+def _are_usable(numbers: Array) -> bool:
+    return bool((np.abs(numbers) <= LARGEST_NUMBER).all())
 
 
 def _first_line(error: Exception | str) -> str:

@@ -23,6 +23,7 @@ class Layout:
 WIDE = Layout("wide", 820.0, 13.0)
 NARROW = Layout("narrow", 360.0, 12.0)
 LAYOUTS = (WIDE, NARROW)
+_MOST_SHOWN_ROWS = 40  # rows from which a table scrolls in a box of its own
 _LETTER_WIDTHS = dict.fromkeys("iIl.,:;'|!()[]· ", 0.34) | dict.fromkeys("mwMW—", 0.9)  # in heights of the letters
 _LETTER_WIDTH = 0.6  # of every other letter
 _HALO = {
@@ -226,7 +227,8 @@ def build_rows_table(
     ]
     if caption:
         parts.insert(0, build_element("caption", escape_html(caption)))
-    return build_element("div", build_element("table", *parts), class_="scroll")
+    kind = "scroll long" if len(rows) > _MOST_SHOWN_ROWS else "scroll"
+    return build_element("div", build_element("table", *parts), class_=kind)
 
 
 def _table_row(row: Sequence[str], classes: Sequence[str | None], link: str | None) -> str:

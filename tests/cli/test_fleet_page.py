@@ -45,7 +45,9 @@ def test_a_thousand_machines_are_a_page_below_two_megabytes(tmp_path: Path) -> N
     assert len(text.encode()) < 2_000_000
     links = re.findall(r'href="([^"#]*/report\.html)"', text)
     assert set(links) >= {f"robot%20{robot}%20log%20{k}/report.html" for robot in range(200) for k in range(5)}
-    assert '"searchable":true' in text.replace(" ", "")
+    assert text.replace(" ", "").count('"searchable":true') == 3  # machines, drifts, remarks
+    assert text.count('class="scroll long"') == 3  # each in a box of its own
+    assert "and 645 more" in text  # names of the machines with the same effect
 
 
 def test_a_drift_that_was_put_in_is_found_and_no_other() -> None:

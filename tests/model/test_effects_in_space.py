@@ -31,7 +31,8 @@ from gen.robot.load_robot import from_table
 PLAN = harmonic_drive.plan_inverse
 OURS = ("payload", "rotor_coupling", "gravity_tilt", "link_flexibility", "base_compliance")
 LOSSLESS = ("viscous_friction", "coulomb_friction", "torsional_damping", "base_damping", "link_damping")
-CHAINS = {"rigid": ("RRP", None), "springs": ("RPR", robots.LINEAR)}
+HARMONIC: dict[str, tuple[str, dict[str, float] | None]] = {"harmonic drives": ("RRP", robots.SPRINGS)}
+CHAINS: dict[str, tuple[str, dict[str, float] | None]] = {"rigid": ("RRP", None), "springs": ("RPR", robots.LINEAR)}
 ON = {
     "payload_mass": 0.7,
     "payload_x": 0.05,
@@ -49,7 +50,7 @@ ON = {
 
 def text(kind: str) -> str:
     """The robot's text, with gravity along −z."""
-    kinds, springs = CHAINS[kind]
+    kinds, springs = (CHAINS | HARMONIC)[kind]
     made = space_robots.chain(kinds, 5, springs=springs).replace("gravity = [", "gravity = [0.0, 0.0, -9.81] # [")
     return re.sub(r"viscous_friction = \S+", f"viscous_friction = {0.2 if springs is None else 1e-3}", made)
 
@@ -127,9 +128,12 @@ def entries(made: Interpreted, *stems: str) -> list[int]:
     return [k for k, name in enumerate(made.states) if name.startswith(stems)]
 
 
-@pytest.mark.parametrize("kind", CHAINS)
+@pytest.mark.parametrize("kind", CHAINS | HARMONIC)
 def test_the_motion_is_lagranges(kind: str) -> None:
-    """d/dt ∂T/∂v − ∂T/∂q + ∂V/∂q is the motors' torque, in the coordinates of rotors, joints and base, without loss."""
+    """d/dt ∂T/∂v − ∂T/∂q + ∂V/∂q is the motors' torque, in the coordinates of rotors, joints and base, without loss.
+
+    So energy is kept, with the laws of harmonic drives, too.
+    """
     made = arm(kind, "payload", "rotor_coupling", "gravity_tilt", "base_compliance")
     c = made.constants(**dict.fromkeys(LOSSLESS, 0.0), bias=0.0)
     f, model = made.functions, made.model
@@ -337,5 +341,3 @@ def test_a_flexible_arm_moves_as_in_mujocos_runge_kutta(build: Callable[..., Com
     scale = np.abs(x[:, moving]).max(axis=0)
     assert scale.min() > 0.05, "an arm that hardly moves compares nothing"
     assert (np.abs(x[:, moving] - np.array(theirs)) / scale).max() < 1e-7  # ours stiffens by 4e-8 at the law's torque
-
-

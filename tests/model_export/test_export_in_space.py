@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -16,8 +17,10 @@ from described_arms import describe_arm
 
 from gen.presets import find_presets
 from gen.robot.link_geometry import make_rotation
+from hdagen.__main__ import main
 from hdagen.arm.compiled_arm import Arm
 from hdagen.model_export.corrected_robot import CorrectedRobot
+from hdagen.model_export.export_formats import FORMATS
 from hdagen.model_export.mjcf_writer import write as write_mjcf
 from hdagen.model_export.urdf_writer import find_roll_pitch_yaw
 from hdagen.model_export.urdf_writer import write as write_urdf
@@ -93,6 +96,34 @@ def test_mujoco_accelerates_as_the_compiled_arm_does(arm: Arm, tmp_path: Path) -
         mujoco.mj_forward(model, data)
         ours = frictionless.rhs(x, np.append(torque, np.zeros(6)))[n:]
         assert data.qacc == pytest.approx(ours, rel=EXACT, abs=EXACT * np.abs(ours).max())
+
+
+def test_the_commands_take_an_arm_in_space(
+    build: Callable[..., Compiled], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A model, the same corrected by a diagnosis, and refusals that leave it alone; effects by the joints' names."""
+    monkeypatch.setenv("HDAGEN_BUILD", str(build(FOUR).folder.parent))
+    monkeypatch.chdir(tmp_path)
+    Path("robot.toml").write_text(FOUR)
+    cause = {"effect": "coulomb_friction", "joint": 3, "parameters": {"coulomb_friction": {"value": 0.5}}}
+    content = {"schema": 2, "verdict": ["coulomb_friction@3"], "causes": [cause]}
+    Path("diagnosis.json").write_text(json.dumps(content | {"parameters": {"mass_2": {"value": 2.0, "std": 0.1}}}))
+    found = ("--with", "diagnosis.json", "--json")
+    for format in ("mjcf", "urdf"):
+        mine, new = f"mine.{FORMATS[format].ending[1:]}", f"new{FORMATS[format].ending}"
+        assert main(["export", format, "robot.toml", "--out", mine]) == 0
+        before = Path(mine).read_bytes()
+        capsys.readouterr()
+        assert main(["export", format, "robot.toml", *found, "--into", mine, "--out", new]) == 0
+        said = json.loads(capsys.readouterr().out)
+        changed = {change["where"]: change["after"] for change in said["changes"]}
+        assert set(changed) == {"axis_2.mass", "axis_3.frictionloss"} and changed["axis_3.frictionloss"] == 0.5
+        assert not said["left_out"] and Path(mine).read_bytes() == before
+        table = come_back(Path(new))
+        assert table["joint"][1]["mass"] == pytest.approx(changed["axis_2.mass"], rel=EXACT)
+        assert table["joint"][2]["drive"]["coulomb_friction"] == 0.5
+    assert main(["export", "urdf", "robot.toml", *found, "--into", "mine.xml", "--out", "no.urdf"]) == 2
+    assert "is no URDF; export mjcf" in capsys.readouterr().err and not Path("no.urdf").exists()
 
 
 def test_every_turn_is_roll_pitch_and_yaw_to_the_last_digit() -> None:

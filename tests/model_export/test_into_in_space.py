@@ -140,6 +140,60 @@ def test_friction_servos_and_gravity_change_in_the_main_file_alone(model: Path) 
     assert made.actuator_ctrlrange[0] == pytest.approx([0, 0])
 
 
+SPRING = {"missing_compliance_2": 1e-3, "missing_damping_2": 0.5}
+
+
+def test_a_spring_in_series_moves_the_joint_to_a_body_around(model: Path, tmp_path: Path) -> None:
+    """MuJoCo then accelerates as by a model that is written whole from the same numbers."""
+    robot, out = correct(model, "finger", **SPRING, motor_inertia_2=0.25), model.with_name("new.xml")
+    done = write_mjcf(robot, out, into=model)
+    assert not done.left_out and any("elbow_torsion is the link's against it" in note for note in done.notes)
+    write_mjcf(robot, tmp_path / "whole.xml")
+    pair = [mujoco.MjModel.from_xml_path(str(path)) for path in (out, tmp_path / "whole.xml")]
+    names = [[made.joint(k).name for k in range(made.njnt)] for made in pair]
+    assert names[0] == names[1] == ["shoulder", "elbow", "elbow_torsion", "wrist"]
+    assert pair[0].jnt_stiffness == pytest.approx([0, 0, 1000, 0]) and pair[0].dof_armature[1] == 0.25
+    rng, found = np.random.default_rng(1), []
+    state = rng.uniform(-0.5, 0.5, (20, 2, 4)) * [1, 1, 1e-3, 1]
+    for made in pair:
+        made.dof_frictionloss[:] = 0
+        made.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        data = mujoco.MjData(made)
+        for q, v in state:
+            data.qpos[:], data.qvel[:] = q, v
+            mujoco.mj_forward(made, data)
+            found.append(data.qacc.copy())
+    assert np.array(found[:20]) == pytest.approx(np.array(found[20:]), rel=1e-6, abs=1e-6 * np.abs(found).max())
+
+
+@pytest.mark.parametrize(
+    "change, more, words",
+    [
+        (("</mujoco>", '<keyframe><key qpos="0 0 0"/></keyframe></mujoco>'), {}, "keyframes"),
+        (("", ""), {"backlash_angle_2": 0.001}, "a play needs a tendon"),
+        (("", ""), {"cable_stiffness_2": 3.0}, "a spring to the base"),
+    ],
+)
+def test_a_spring_that_has_no_place_is_left_out(
+    model: Path, change: tuple[str, str], more: dict[str, float], words: str
+) -> None:
+    model.write_text(MAIN.replace(*change))
+    done = write_mjcf(
+        correct(model, "finger", **SPRING, viscous_friction_1=3.0, **more), model.with_name("new.xml"), into=model
+    )
+    assert words in done.left_out["elbow.torsion.linear"] and "torsion" not in model.with_name("new.xml").read_text()
+
+
+def test_the_torsion_of_a_model_that_has_one_is_corrected(model: Path) -> None:
+    once, twice = model.with_name("new.xml"), model.with_name("again.xml")
+    write_mjcf(correct(model, "finger", **SPRING), once, into=model)
+    robot = correct(model, "finger", **SPRING)
+    later = correct(model, "finger", missing_compliance_2=2e-3, missing_damping_2=0.75)
+    done = write_mjcf(replace(robot, file=robot.corrected, corrected=later.corrected), twice, into=once)
+    made = mujoco.MjModel.from_xml_path(str(twice))
+    assert not done.left_out and made.jnt_stiffness[2] == 500 and made.dof_damping[2] == 0.75
+
+
 def test_a_payload_becomes_part_of_the_last_link(model: Path) -> None:
     robot, out = correct(model, "finger", payload_mass_3=0.5, payload_x_3=0.03), model.with_name("new.xml")
     before = read_numbers(model, "finger")

@@ -135,7 +135,7 @@ def main(folder: str, address: str, out: str, count: str, calls: str) -> int:
     return 0
 
 
-def await_true(is_so: object, seconds: float = 60.0) -> None:
+def await_true(is_so: object, seconds: float = 300.0) -> None:
     """Waits until something holds."""
     until = time.monotonic() + seconds
     while not is_so():  # type: ignore[operator]

@@ -90,6 +90,21 @@ def load_robot(folder: TaskFolder, parameters: Parameters) -> dict[str, Any]:
     return {"joints": arm.n, "folder": str(arm.folder), "state": arm.rest([0.1] * arm.n).tolist()}
 
 
+def drive_short_run(folder: TaskFolder, parameters: Parameters) -> dict[str, Any]:
+    """A random run of the controllers' table whose path is cut to a short one."""
+    from unittest.mock import patch
+
+    from hdagen.control.reference_motion import circle
+    from hdagen.mpc.benchmark import law_comparison
+    from hdagen.mpc.benchmark.random_run_tasks import drive_run_task
+
+    def shorten(radius: float, center: tuple[float, float], turn: float, _: float, period: float) -> Any:
+        return circle(radius, center, turn, 0.6, period)
+
+    with patch.object(law_comparison, "circle", shorten):
+        return drive_run_task(folder, parameters)
+
+
 # -- a machine of a fleet ---------------------------------------------------------------------------------------------
 
 

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from hdagen.blind.realities.arm_motion import Motion, draw_circle_motion, draw_rich_motion
 from hdagen.blind.realities.arm_world import LARGEST_COMMAND, ArmWorld
 from hdagen.blind.realities.cases import draw_cases
 from hdagen.blind.realities.joint_arms import JointArmCase
@@ -27,6 +26,7 @@ from hdagen.blind.realities.model_arms import ModelCase
 from hdagen.blind.realities.population import MAXWELL, read_population
 from hdagen.blind.realities.rigid_joints import JointCase
 from hdagen.blind.realities.two_joint_arms import ArmCase, TwoJointArm, draw_effect_parameters, draw_true_parameters
+from hdagen.blind.realities.two_joint_motion import Motion, draw_circle_motion, draw_rich_motion
 from hdagen.log.measured_log import write
 
 JointEffects = dict[str, dict[str, float]]  # parameters by effect
@@ -204,8 +204,8 @@ def main() -> None:
         if request.get("truth") is not None:
             wrong = {str(one) for one in case.numbers}
             known = unpack_parameters({name: p for name, p in request["truth"].items() if name not in wrong})
-        make_log = make_arm_log if isinstance(case, ArmCase) else make_chain_log
-        log, found, snr = make_log(case, request["motion"], request["seconds"], known)
+        how = request["motion"], request["seconds"], known
+        log, found, snr = make_arm_log(case, *how) if isinstance(case, ArmCase) else make_chain_log(case, *how)
         numbers = {str(one): {"factor": one.factor} for one in case.numbers}
         told = {"snr": snr, "parameters": pack_parameters(found) | numbers}
     write(log, request["out"])

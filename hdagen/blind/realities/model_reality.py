@@ -26,9 +26,9 @@ from hdagen.blind.realities.model_arms import (
 )
 from hdagen.blind.realities.random_streams import seeded_generator
 
-SPACE_STEPS_PER_ROW = 4  # of RK4
-SPACE_STEP = 1.0 / RATE / SPACE_STEPS_PER_ROW  # s
-SPACE_LOOP_BANDWIDTH, SPACE_LOOP_DAMPING = 15.0, 0.8  # rad/s, and the damping ratio of the position loop
+STEPS_PER_ROW = 4  # of RK4
+STEP = 1.0 / RATE / STEPS_PER_ROW  # s
+JOINT_BANDWIDTH, LOOP_DAMPING = 15.0, 0.8  # rad/s, and the damping ratio of the position loop
 SPEED_SHARE = 0.3  # of a new difference of positions in the filtered speed
 HARDEST_IMPEDANCE = 0.9999  # MuJoCo's hardest impedance
 MOST_TRACKED_TORQUE = 0.9  # of a joint's largest torque, that commands are limited to
@@ -126,7 +126,7 @@ def write_space_model(
     def words(values: Sequence[float]) -> str:
         return " ".join(repr(float(value)) for value in values)
 
-    dry = f'solreffriction="{2 * SPACE_STEP!r} 1" solimpfriction="{HARDEST_IMPEDANCE} {HARDEST_IMPEDANCE} 0.001 0.5 2"'
+    dry = f'solreffriction="{2 * STEP!r} 1" solimpfriction="{HARDEST_IMPEDANCE} {HARDEST_IMPEDANCE} 0.001 0.5 2"'
     bodies = []
     for joint, dry_friction, slope in zip(table["joint"], friction, damping, strict=True):
         kind = {"revolute": "hinge", "prismatic": "slide"}[joint.get("type", "revolute")]
@@ -145,7 +145,7 @@ def write_space_model(
             f'<body pos="{words(tip.get("origin", (0, 0, 0)))}" quat="{words(tip.get("rotation", (1, 0, 0, 0)))}">'
             f'<inertial pos="{place}" mass="{mass!r}" diaginertia="{own} {own} {own}"/>'
         )
-    return f"""<mujoco><option timestep="{SPACE_STEP!r}" integrator="RK4" solver="Newton" tolerance="1e-12"
+    return f"""<mujoco><option timestep="{STEP!r}" integrator="RK4" solver="Newton" tolerance="1e-12"
       gravity="{words(table["gravity"])}"/><worldbody>{"".join(bodies)}{"</body>" * len(bodies)}</worldbody></mujoco>"""
 
 
@@ -206,9 +206,9 @@ class _SpaceSimulation:
         self.known = mujoco.MjModel.from_xml_string(write_space_model(nominal, still, still))
         self.asked = mujoco.MjData(self.known)
         self.most = MOST_TRACKED_TORQUE * np.array([rate_joint(joint)["torque"] for joint in nominal["joint"]])
-        self.late = pick("command_delay", "time", 0.0) / SPACE_STEP
+        self.late = pick("command_delay", "time", 0.0) / STEP
         lag = pick("current_loop_lag", "time", 0.0)
-        self.keep = np.exp(-SPACE_STEP / np.maximum(lag, 1e-9))  # of the lag's error over a step
+        self.keep = np.exp(-STEP / np.maximum(lag, 1e-9))  # of the lag's error over a step
         self.limit = pick("current_saturation", "limit", math.inf)
         self.acting = np.zeros(self.n)
 
@@ -240,9 +240,7 @@ class _SpaceSimulation:
         """The torque of the model's links along the reference, and a position loop on the encoders."""
         motion, asked = self.motion, self.asked
         slip = motion.velocity[k] - speed
-        pull = SPACE_LOOP_BANDWIDTH * (
-            SPACE_LOOP_BANDWIDTH * (motion.position[k] - read) + 2.0 * SPACE_LOOP_DAMPING * slip
-        )
+        pull = JOINT_BANDWIDTH * (JOINT_BANDWIDTH * (motion.position[k] - read) + 2.0 * LOOP_DAMPING * slip)
         asked.qpos[:], asked.qvel[:], asked.qacc[:] = (
             motion.position[k],
             motion.velocity[k],
@@ -254,8 +252,8 @@ class _SpaceSimulation:
     def _advance_row(self, commands: np.ndarray, k: int) -> None:
         """Simulate until the next row: what was commanded arrives late, is limited, and is followed with a lag."""
         rows, joints = len(commands), np.arange(self.n)
-        for step in range(SPACE_STEPS_PER_ROW):
-            ages = np.ceil((self.late - step - 0.5) / SPACE_STEPS_PER_ROW).clip(0).astype(int)
+        for step in range(STEPS_PER_ROW):
+            ages = np.ceil((self.late - step - 0.5) / STEPS_PER_ROW).clip(0).astype(int)
             arrived = commands[np.clip(k - ages, 0, rows - 1), joints]
             wanted = np.clip(arrived, -self.limit, self.limit)
             middle = wanted + np.sqrt(self.keep) * (self.acting - wanted)  # the mean over the step, nearly

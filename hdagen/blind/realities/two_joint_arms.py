@@ -217,7 +217,8 @@ def _draw_case(seed: str, population: Population, index: int, arms: Sequence[Two
     background = population.size_background(index)
     seed_of_case = int(rng.integers(2**62))
     name = purpose_digest(seed, kind, index, "name").hex()[:16]
-    arm, numbers = arms[int(rng.integers(3))], ()
+    arm = arms[int(rng.integers(3))]
+    numbers: tuple[WrongNumber, ...] = ()
     if kind == "rough":
         numbers = draw_wrong_numbers(rng, arm.joints, [str(one) for one in truth])
         first, second = misstate_numbers(arm.joints, numbers)
