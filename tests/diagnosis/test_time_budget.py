@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import numpy as np
 import pytest
+from json_schemas import violations
 
 from hdagen.adoption.diagnosis_json_schema import build_json_schema
 from hdagen.arm.build_loader import PlantError
@@ -97,7 +97,7 @@ def test_the_best_so_far_is_stated_whenever_the_time_is_up(
     found = diagnose(robot, machine_log, stage)
     content, parts = found.content, list_parts(found.content)
     assert not found.sure and parts
-    jsonschema.validate(content, build_json_schema())
+    assert violations(content, build_json_schema()) == []
     assert math.isfinite(found.gap["after"]) and found.gap["after"] <= 1.02 * found.gap["before"]
     assert sum(one["probability"] for one in content["hypotheses"]) == pytest.approx(1.0)
     assert "was not tried" in write_verdict(content) and "not sure" in write_verdict(content)
