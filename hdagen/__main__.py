@@ -19,7 +19,16 @@ COMMANDS = (
     *("demo", "simulate", "replay", "diagnose", "adopt", "compare", "export", "excite"),
     *("mpc", "bench", "blind", "paper"),
 )
-DONE, BAR_MISSED, USAGE, UNUSABLE, UNFORESEEN_ERROR, INTERRUPTED, OUTPUT_CLOSED = 0, 1, 2, 3, 4, 130, 141
+DONE, BAR_MISSED, USAGE, UNUSABLE, UNFORESEEN_ERROR, OUT_OF_TIME, INTERRUPTED, OUTPUT_CLOSED = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    7,
+    130,
+    141,
+)
 TRACEBACK_VARIABLE = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
 
 
@@ -53,7 +62,8 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=(
             "exit codes: 0 done, 1 a stated bar failed, 2 usage, configuration or no place to write, 3 data unusable,"
             f" 4 an error that hdagen did not foresee ({TRACEBACK_VARIABLE}=1 shows where), 5 a condition of `hdagen"
-            " diagnose --fail-above` or `--fail-on` is met, 130 interrupted, 141 nobody reads what is printed"
+            " diagnose --fail-above` or `--fail-on` is met, 7 the time of `--within` was up too early, 130 interrupted,"
+            " 141 nobody reads what is printed"
         ),
     )
     top.add_argument("--version", action="version", version=f"hdagen {__version__}")
@@ -119,7 +129,10 @@ def _run_command(arguments: Sequence[str] | None) -> int:
 def _judge_error(error: Exception) -> int | None:
     """The exit code of an error that commands foresee; None for any other error."""
     from hdagen.arm.build_loader import PlantError
+    from hdagen.diagnosis.stages.time_budget import TimeUpError
 
+    if isinstance(error, TimeUpError):
+        return OUT_OF_TIME
     if isinstance(error, PlantError):
         return USAGE
     if isinstance(error, OSError | MemoryError | ImportError):

@@ -11,12 +11,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from chromium import close_browser
 from compiled import Compiled, load
 from cpu_times import CpuTimes
 from kept_builds import find_builds, remove_old_builds
 from replayed import FLEXIBLE, simulated
+from uncompiled import find_settings, load_uncompiled
 
 from gen.builder.build import build_robot as make
+from hdagen.adoption import robot_update, verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.log.measured_log import Log
 from hdagen.paper.prototype.virtual_prototype import PROTOTYPE, TABLE_1, Bench
@@ -48,7 +51,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Builds that many runs have left are thrown away, by the process that started the workers."""
+    """The browser ends; builds that many runs have left are thrown away, by the process that started the workers."""
+    close_browser()
     if not hasattr(config, "workerinput"):
         remove_old_builds()
 
@@ -107,6 +111,14 @@ def arm(build: Callable[..., Compiled]) -> Arm:
 def good(arm: Arm) -> Log:
     """A log without a mistake, under gravity, driven in open loop."""
     return simulated(arm, 3.0)
+
+
+@pytest.fixture
+def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Models that `adopt` asks for are described and checked as ever, and not compiled."""
+    for module in (verdict, robot_update):
+        monkeypatch.setattr(module, "load", load_uncompiled)
+    monkeypatch.setattr(robot_update, "find_stable_settings", find_settings)
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,12 @@ STARTERS = {"subprocess", "multiprocessing", "pty", "pexpect", "sh", "invoke"}
 LOGS = {"pyarrow", "pandas", "polars", "h5py", "csv"}  # what reads a table of measurements
 
 
+@cache
+def read_tree(path: Path) -> ast.Module:
+    """A file's syntax, read once for all tests."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def name(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
@@ -29,7 +36,7 @@ def name(path: Path) -> str:
 def imported(path: Path) -> Iterator[str]:
     """The modules that a file imports anywhere in it, relative ones by their full name."""
     package = path.relative_to(ROOT).parent.parts
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(read_tree(path)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -75,7 +82,7 @@ def test_nothing_unsafe_reads_or_runs() -> None:
     found = []
     for path in MODULES:
         found += [(name(path), module) for module in tops(path) & UNSAFE]
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(read_tree(path)):
             if not isinstance(node, ast.Call):
                 continue
             called = ast.unparse(node.func)
@@ -147,7 +154,7 @@ def module(dotted: str) -> Path | None:
 
 def imported_files(path: Path) -> Iterator[Path]:
     """The project's files that a file imports, inside functions and for annotations (TYPE_CHECKING) as well."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(read_tree(path)):
         if isinstance(node, ast.Import):
             found = [module(alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -158,7 +165,10 @@ def imported_files(path: Path) -> Iterator[Path]:
         yield from (target for target in found if target and target != path)
 
 
-ARROWS = {path: set(imported_files(path)) for path in MODULES}
+@cache
+def find_arrows() -> dict[Path, set[Path]]:
+    """What each file imports; found by the first test that asks, not by every process that collects tests."""
+    return {path: set(imported_files(path)) for path in MODULES}
 
 
 def circle(arrows: Mapping[Path, set[Path]]) -> list[Path]:
@@ -172,7 +182,7 @@ def circle(arrows: Mapping[Path, set[Path]]) -> list[Path]:
 
 
 def test_no_circle_between_files() -> None:
-    assert [name(path) for path in circle(ARROWS)] == []
+    assert [name(path) for path in circle(find_arrows())] == []
 
 
 def test_folders_form_floors() -> None:
@@ -181,7 +191,7 @@ def test_folders_form_floors() -> None:
     floor = {folder: -height for height, folder in enumerate(FLOORS)}
     up = [
         f"{name(path)} imports {name(target)}"
-        for path, targets in ARROWS.items()
+        for path, targets in find_arrows().items()
         for target in targets
         if path.parent != target.parent and floor[name(target.parent)] > floor[name(path.parent)]
     ]
@@ -215,7 +225,7 @@ DEFINES = (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign, ast.FunctionDe
 def test_modules_hold_definitions_only() -> None:
     doing = []
     for path in MODULES:
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in read_tree(path).body:
             text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
             merged = isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add | ast.BitOr)
             guarded = isinstance(node, ast.If) and re.fullmatch(
@@ -271,7 +281,6 @@ def test_importing_any_module_does_nothing(tmp_path: Path) -> None:
 
 # -- names and docstrings ---------------------------------------------------------------------------------------------
 
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
 # Verbs that stand alone: the public API's, the entry points of commands, and those of the field.
 ONE_WORD = {
     *("adopt", "check", "compare", "diagnose", "excite", "export", "replay", "simulate", "triage"),
@@ -285,8 +294,8 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 def public_names() -> set[tuple[Path, str]]:
     """File and name of all that another folder imports or an `__all__` lists; of both, where it is defined."""
     found: set[tuple[Path, str]] = set()
-    for path, tree in TREES.items():
-        for node in ast.walk(tree):
+    for path in MODULES:
+        for node in ast.walk(read_tree(path)):
             if isinstance(node, ast.ImportFrom) and (home := module(str(node.module))):
                 if home.parent != path.parent or path.name == "__init__.py":
                     found |= {(home, alias.name) for alias in node.names}
@@ -298,8 +307,8 @@ def public_names() -> set[tuple[Path, str]]:
 def public_functions() -> Iterator[tuple[str, Function]]:
     """Where it stands, and the function: the public ones at the top of files, and the methods of public classes."""
     public = public_names()
-    for path, tree in TREES.items():
-        for node in tree.body:
+    for path in MODULES:
+        for node in read_tree(path).body:
             if not isinstance(node, Function | ast.ClassDef) or (path, node.name) not in public:
                 continue
             members = node.body if isinstance(node, ast.ClassDef) else [node]
@@ -337,7 +346,7 @@ def test_public_docstrings_say_arguments_and_results() -> None:
 
 def test_functions_are_verb_phrases() -> None:
     """No public function of one word outside a short list, and few private ones."""
-    names = [(name(p), n.name) for p, tree in TREES.items() for n in tree.body if isinstance(n, Function)]
+    names = [(name(p), n.name) for p in MODULES for n in read_tree(p).body if isinstance(n, Function)]
     one = [(path, each) for path, each in names if "_" not in each.strip("_")]
     assert [entry for entry in one if not entry[1].startswith("_") and entry[1] not in ONE_WORD] == []
     assert len(one) <= MOST_ONE_WORD_SHARE * len(names)
@@ -356,7 +365,7 @@ def test_no_file_is_long() -> None:
 def test_no_function_is_long() -> None:
     long = []
     for path in MODULES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(read_tree(path)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 lines = (node.end_lineno or 0) - node.lineno + 1
                 if lines > 60:
@@ -374,7 +383,7 @@ OF_MANY_METHODS = {
 def test_no_class_has_many_methods() -> None:
     classes: dict[str, list[ast.ClassDef]] = {}
     for path in MODULES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(read_tree(path)):
             if isinstance(node, ast.ClassDef):
                 classes.setdefault(node.name, []).append(node)
 
@@ -412,12 +421,12 @@ NO_SETTINGS = {  # module-level numbers of the diagnosis and of predictions that
     "_MOST_FILTER_SAMPLES": "limit of a file's value",
     "WORKSPACE_BYTES": "limit of memory",
 }
-ONE_A_FILE = {"EFFECT", "LOGGER"}  # by design: every effect's file, and every file that logs, has its own
+ONE_A_FILE = {"EFFECT", "LOGGER", "PLANE_FORM"}  # by design: each effect's file, and each that logs, has its own
 
 
 def assigned_constants(path: Path) -> Iterator[tuple[str, ast.expr]]:
     """The upper-case names that a module assigns at its top, each with its expression."""
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for node in read_tree(path).body:
         if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
             continue
         for target in node.targets if isinstance(node, ast.Assign) else [node.target]:

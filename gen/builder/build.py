@@ -232,11 +232,11 @@ def assemble_library(
         raise BuildError(f"--effects: found {found}, possible are {', '.join(names)}; choose of these.")
     wanted = {stated.name for stated in robot.effects} | set(extra)
     robot = add_springs(robot, sprung)
-    chosen = tuple(e for e in ALL if e in NOMINAL or e.name in wanted)
     try:
         applies = Model(robot, NOMINAL).joints_of_effect
-        effects = tuple(e for e in chosen if e in NOMINAL or applies(e))
-        library = make_library(Model(robot, effects))
+        added = {e.name for e in ALL if e.name in wanted and applies(e.choose_form(robot.in_space))}
+        model = Model(robot, tuple(e for e in ALL if e in NOMINAL or e.name in added))
+        effects, library = model.effects, make_library(model)
         examined = step_stability.examine_step(library.graphs)
     except ValueError as error:
         raise RobotError([f"{source}, joint: {error}."]) from None

@@ -10,7 +10,7 @@ import casadi as ca
 
 from gen.builder.effect_description import describe_catalogue
 from gen.c_code import headers, vectorized_closed_loop, vectorized_dynamics
-from gen.c_code.emitter import emit_preparation, scalar_function
+from gen.c_code.function_parts import emit_function, emit_preparation
 from gen.effects.effect import Effect
 from gen.effects.file_numbers import FILE_NUMBERS, FileNumber
 from gen.model.arm_model import Model
@@ -22,6 +22,9 @@ from gen.robot.description import describe_robot
 
 INCLUDES = '#include "hda.h"\n\n#include <math.h>\n\n'
 TEMPLATES = resources.files("gen") / "templates"
+
+
+PARTS_IN_FILE = 1  # of long functions
 
 
 def count_operations(f: ca.Function) -> int:
@@ -50,7 +53,7 @@ def make_manifest(made: Library, effects: tuple[Effect, ...], build: str, how: d
         "robot": describe_robot(model.robot),
         "effects": [_describe_effect(model, effect) for effect in effects],
         "numbers": [_describe_number(model, number) for number in FILE_NUMBERS],
-        "catalogue": describe_catalogue(),
+        "catalogue": describe_catalogue(model.robot.in_space),
         "state": [vars(slot) for slot in model.x_slots],
         "input": [vars(slot) for slot in model.u_slots],
         "parameters": [vars(q) for q in model.quantities],
@@ -77,9 +80,17 @@ def _describe_effect(model: Model, effect: Effect) -> dict[str, Any]:
 
 
 def _describe_number(model: Model, number: FileNumber) -> dict[str, Any]:
-    joints = [q.joint for q in model.quantities if q.effect == number.name]
-    shape: dict[str, list[str]] = {"states": [], "shapes": []}
-    return {"name": number.name, "place": number.place, "joints": joints, "amplitudes": [number.name], **shape}
+    own = [q for q in model.quantities if q.effect == number.name]
+    joints = [*dict.fromkeys(q.joint for q in own)]
+    amplitudes = [*dict.fromkeys(q.name.removesuffix(f"_{q.joint}") for q in own)] or [number.name]
+    return {
+        "name": number.name,
+        "place": number.place,
+        "joints": joints,
+        "amplitudes": amplitudes,
+        "states": [],
+        "shapes": [],
+    }
 
 
 def _describe_function(function: EmittedFunction) -> dict[str, Any]:
@@ -100,6 +111,16 @@ def _describe_law(law: Law) -> dict[str, Any]:
 def _has_parameter(model: Model, key: str) -> bool:
     """Whether a joint, or the arm, has a parameter of that name."""
     return any(q.name in (key, f"{key}_{q.joint}") for q in model.quantities)
+
+
+def _print_group(file: str, printed: list[tuple[str, list[str]]]) -> dict[str, str]:
+    """A file of functions, and numbered ones beside it of the parts of long functions."""
+    files = {file: INCLUDES + "\n".join(text for text, _ in printed)}
+    parts = [part for _, own in printed for part in own]
+    for k in range(0, len(parts), PARTS_IN_FILE):
+        name = file.replace(".c", f"_{k // PARTS_IN_FILE + 1}.c")
+        files[name] = INCLUDES + "\n".join(parts[k : k + PARTS_IN_FILE])
+    return files
 
 
 def make_files(
@@ -152,9 +173,9 @@ def make_files(
         "hda_laws.c": [f for f in scalar if f.name in ticks],
         "hda_model.c": [f for f in scalar if f.name != "prepare" and f.name not in ticks],
     }
-    files["hda_prepare.c"] = INCLUDES + emit_preparation(graphs.preparation)
+    files |= _print_group("hda_prepare.c", [emit_preparation(graphs.preparation)])
     for file, group in groups.items():
-        files[file] = INCLUDES + "\n".join(scalar_function(f.graph, f.name) for f in group)
+        files |= _print_group(file, [emit_function(f.graph, f.name) for f in group])
     if lanes:
         files["hda_native.c"] = vectorized_dynamics.emit_native(graphs)
         files["hda_batch_rhs.h"] = vectorized_dynamics.emit_batch(graphs)

@@ -10,15 +10,19 @@ from gen.effects.effect import Effect
 from gen.effects.file_numbers import FILE_NUMBERS, FileNumber
 
 
-def describe_catalogue() -> dict[str, Any]:
+def describe_catalogue(in_space: bool) -> dict[str, Any]:
     """Describe how every effect shows itself, and the groups of effects that look alike.
+
+    Args:
+        in_space: Whether the chain leaves the plane.
 
     Returns:
         ``effects`` along the signal chain, then the numbers of the robot file; and ``confusion_groups``, the narrowest
         first; as JSON can hold them.
 
     """
-    effects = [*map(_describe_traits, ALL), *map(_describe_number, FILE_NUMBERS)]
+    effects = [_describe_traits(effect.choose_form(in_space)) for effect in ALL]
+    effects += map(_describe_number, FILE_NUMBERS)
     groups = [{"name": group.name.lower(), "experiment": group.value} for group in ConfusionGroup]
     return {"effects": effects, "confusion_groups": groups}
 

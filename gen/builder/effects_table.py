@@ -77,10 +77,19 @@ def _effect_section(effect: Effect) -> str:
     equation = " ".join((inspect.getdoc(effect.equation) or "").split()).removesuffix(".")
     legend = _effect_document(effect).partition("Legend: ")[2].strip()
     rows = [("term", equation), ("symbols", legend), ("acts at", _describe_place(effect))]
-    rows += [("amplitudes; other parameters", _describe_parameters(effect)), ("source", effect.citation)]
+    rows.append(("amplitudes; other parameters", _describe_parameters(effect)))
+    if effect.space_form is not None:
+        rows += _describe_space_form(effect.space_form)
+    rows.append(("source", effect.citation))
     lines = "".join(f"| {name} | {_table_cell(text)} |\n" for name, text in rows)
     figure = f"![{effect.name}](../images/effects/{effect.name}.svg)\n"
     return f"\n### {effect.name}\n\n{_effect_meaning(effect)}\n\n{figure}\n| | |\n|---|---|\n{lines}"
+
+
+def _describe_space_form(effect: Effect) -> list[tuple[str, str]]:
+    """Rows on the form that an effect has in a chain that leaves the plane."""
+    equation = " ".join((inspect.getdoc(effect.equation) or "").split()).removesuffix(".")
+    return [("term in space", equation), ("amplitudes; other parameters in space", _describe_parameters(effect))]
 
 
 def _effect_meaning(effect: Effect) -> str:

@@ -8,6 +8,7 @@ from gen.builder import build
 from gen.builder.compiler import CompileError
 from gen.effects.effect import Effect
 from gen.model.arm_model import Model
+from gen.model.base_parameters import find_base_parameters
 from gen.model.harmonic_drive import INVERSE_TOLERANCE
 from gen.robot.description import Joint
 from gen.robot.load_robot import load
@@ -53,6 +54,8 @@ def report_robot(
         method = "L-stable (RODAS), as a memory is stiff"
     lines.append(f"  step     {robot.step:g} s, {method}")
     lines += [f"  {line}" for line in examined.describe_step()]
+    if robot.in_space:
+        lines += _describe_base_parameters(model)
     refused = examined.refusals(source)
     if refused:
         return lines + refused, False
@@ -76,6 +79,18 @@ def _describe_effect(model: Model, effect: Effect) -> str:
     at = ", ".join(str(j) for j in model.joints_of_effect(effect))
     where = {"0": "arm", "": "no joint"}.get(at, f"joint {at}")
     return f"{effect.name} ({effect.port.place}, {where}): {effect.citation}"
+
+
+def _describe_base_parameters(model: Model) -> list[str]:
+    """A line for each combination of the links' inertial parameters that a motion can tell, and one for the others."""
+    found, unseen = find_base_parameters(model.chain, {q.name: q.nominal for q in model.quantities})
+    lines = [f"  links    {len(found)} combinations of {10 * model.n} inertial parameters show in a motion"]
+    for one in found:
+        others = "".join(f" {'-' if share < 0 else '+'} {abs(share):.4g} {name}" for name, share in one.others)
+        lines.append(f"  links    {one.name}{others}".replace(" 1 ", " "))
+    if unseen:
+        lines.append(f"  links    no motion shows {', '.join(unseen)}")
+    return lines
 
 
 def _describe_folder(source: str, profile: str, out: Path, extra: tuple[str, ...]) -> str:

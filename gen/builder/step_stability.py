@@ -28,6 +28,7 @@ LARGEST_STABLE_MODE = 2.78  # h |λ| of modes
 LARGEST_SMOOTH_FRICTION = 1.0  # h |λ| of smooth friction
 LARGEST_ACCURATE_MODE = 0.5  # h |λ| of modes, worth a remark
 STABILITY_GRID_POINTS = 256  # configurations, about
+MOST_GRID_POINTS = 4**5  # of a whole grid
 FRICTIONLESS_FACTOR = 1e12  # factor on the width of smooth friction that takes it out of A
 
 
@@ -199,7 +200,11 @@ class _Linearization:
         functions = {f.name: f.graph for f in graphs.functions}
         nominal = np.array([q.nominal for q in model.quantities])
         smoothing = np.array([q.name.startswith("friction_smoothing_") for q in model.quantities])
-        self.torsion, self.jacobian = functions["torsion"], functions["rhs_jacobian"]
+        self.torsion = functions["torsion"]
+        x, u, c = functions["rhs_jacobian"].sx_in()
+        by_x = functions["rhs_jacobian"](x, u, c)[0]  # without the rest, a part of the operations
+        self.jacobian = ca.Function("by_x", [x, u, c], [by_x])
+        self.found: dict[Any, np.ndarray] = {}
         self.smooth = functions["prepare"](nominal)
         self.frictionless = functions["prepare"](np.where(smoothing, nominal * FRICTIONLESS_FACTOR, nominal))
         stiff = {
@@ -213,19 +218,23 @@ class _Linearization:
     def state_matrices(self, torque: np.ndarray, c: Any, q: np.ndarray) -> np.ndarray:
         """A (points × m × m) at configurations ``q`` (points × n) with joint torques (n), no stiff memories in it."""
         torsion = np.array(self.torsion(torque, c)).ravel()
+        key = (torsion.tobytes(), q.tobytes(), c is self.smooth)  # of rigid drives no torque moves anything
+        if key in self.found:
+            return self.found[key]
         x = np.zeros((len(self.names), len(q)))
         for j in self.model.joints:
             x[self.names.index(f"joint_position_{j}")] = q[:, j - 1]
             if j in self.model.flexible:
                 x[self.names.index(f"motor_position_{j}")] = self.ratio[j - 1] * (q[:, j - 1] + torsion[j - 1])
         u = ca.DM.zeros(len(self.model.u_slots), len(q))
-        by_x = np.array(self.jacobian.map(len(q))(x, u, ca.repmat(c, 1, len(q)))[0])
+        by_x = np.array(self.jacobian.map(len(q))(x, u, ca.repmat(c, 1, len(q))))
         if not np.isfinite(by_x).all():
             raise ValueError(
                 "found parameters with which the equations of motion give no numbers; look for one far off"
             )
         whole = by_x.reshape((len(self.names), len(self.names), len(q)), order="F").transpose(2, 0, 1)
-        return whole[:, self.kept][:, :, self.kept]
+        self.found[key] = whole[:, self.kept][:, :, self.kept]
+        return self.found[key]
 
     def fastest_mode(self, torque: np.ndarray, q: np.ndarray | None = None) -> tuple[Mode, np.ndarray]:
         """The fastest mode without smooth friction, and the configuration (1 × n) where it is."""
@@ -279,7 +288,8 @@ def _bound_friction_rates(linear: _Linearization) -> tuple[tuple[float, ...], fl
 
 def _configuration_grid(model: Model) -> np.ndarray:
     """Configurations (points × n): full turns of every revolute joint but the first, on which A hardly depends, with
-    straight and folded arm; the stated range of every prismatic joint, ±1 m where none is stated."""
+    straight and folded arm; the stated range of every prismatic joint, ±1 m where none is stated. Of a long arm
+    the first and a fixed random choice of the others."""
     count = 2 * max(2, int(STABILITY_GRID_POINTS ** (1 / max(model.n - 1, 1)) / 2))
     axes: list[np.ndarray] = []
     for joint in model.robot.joints:
@@ -289,7 +299,11 @@ def _configuration_grid(model: Model) -> np.ndarray:
             axes.append(np.arange(count) * (2 * np.pi / count))
         else:
             axes.append(np.zeros(1))
-    return np.array(list(itertools.product(*axes)))
+    if math.prod(map(len, axes)) <= MOST_GRID_POINTS:
+        return np.array(list(itertools.product(*axes)))
+    rng = np.random.default_rng(0)
+    drawn = np.column_stack([rng.choice(axis, STABILITY_GRID_POINTS) for axis in axes])
+    return np.vstack([[axis[0] for axis in axes], drawn])
 
 
 def _round_to_three_digits(value: float, toward: Any) -> str:

@@ -58,6 +58,7 @@ def wrap_sources(kind: str, build: Path, folder: Path) -> list[str]:
     place, own, model = WRAPPERS[kind]
     templates = {file.name: file for file in (TEMPLATES / place).iterdir()}
     left = [*own, *model]
+    left += [part.name for name in model for part in build.glob(name.replace(".c", "_[0-9]*.c"))]
     copied: set[str] = set()
     while left:
         name = left.pop()

@@ -11,8 +11,6 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from gen.model.right_hand_side import Preparation
-
 BINARY_OPERATORS = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
 COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 C_FUNCTIONS = {
@@ -219,43 +217,21 @@ def scalar_function(f: ca.Function, name: str, head: str = "") -> str:
     lines = emit_body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
     computed = [line for line in lines if line.startswith("const ")]
     stored = [line for line in lines if not line.startswith("const ")]
-    unused = [f"(void){f.name_in(k)};" for k in range(f.n_in()) if k not in _find_inputs_read(f)]
+    unused = [f"(void){name};" for name in list_unused_inputs(f, " ".join(lines))]
     return (
         f"{head or c_signature(f, name)} {{\n" + "".join(f"    {line}\n" for line in unused + computed + stored) + "}\n"
     )
 
 
-def _find_inputs_read(f: ca.Function) -> set[int]:
-    return {f.instruction_input(k)[0] for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_INPUT}
-
-
-def emit_preparation(prepared: Preparation) -> str:
-    """Print `hda_prepare`: the springs' inverses joint by joint, then all other constants.
+def list_unused_inputs(f: ca.Function, text: str) -> list[str]:
+    """List the inputs that a function's C text does not read.
 
     Args:
-        prepared: The two parts of the function p -> c.
+        f: The function.
+        text: Its statements.
 
     Returns:
-        The C text.
+        Names of inputs.
 
     """
-    parts, count = [], 0
-    if prepared.inverse is not None:
-        count = prepared.inverse.numel_out(0)
-        parts.append(scalar_function(prepared.inverse, "", "static void inverse(const double *i0, double *o0)"))
-        rows = ", ".join("{" + ", ".join(map(str, row)) + "}" for row in prepared.keys)
-        width = len(prepared.keys[0])
-        parts.append(f"static const int taken[][{width}] = {{{rows}}};\n")
-    parts.append(scalar_function(prepared.rest, "", "static void rest(const double *i0, const double *i1, double *o0)"))
-    lines = [f"double coefficients[{max(1, count * len(prepared.keys))}] = {{0}};"]
-    if prepared.inverse is not None:
-        lines += [
-            f"for (int j = 0; j < {len(prepared.keys)}; j++) {{",
-            f"    double keys[{width}];",
-            f"    for (int k = 0; k < {width}; k++) keys[k] = p[taken[j][k]];",
-            f"    inverse(keys, coefficients + j * {count});",
-            "}",
-        ]
-    lines.append("rest(p, coefficients, c);")
-    body_text = "".join(f"    {line}\n" for line in lines)
-    return "\n".join(parts) + f"\nvoid hda_prepare(const double *p, double *c) {{\n{body_text}}}\n"
+    return [f.name_in(k) for k in range(f.n_in()) if f" {f.name_in(k)}[" not in f" {text}"]

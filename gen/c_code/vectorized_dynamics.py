@@ -158,6 +158,8 @@ def emit_native(graphs: Graphs) -> str:
     widths = {lane.width for lane in graphs.lanes}
     widths |= {polynomial_packing.packed_width(width) for width in widths}
     rows = "".join(f"    v{lane.width} lane_{k}[{len(lane.state_entries)}];\n" for k, lane in enumerate(graphs.lanes))
+    if shared := _list_shared_entries(graphs):
+        rows += f"    double shared[{len(shared)}];\n"
     smooth, exact, holding = list_forms(graphs)
     parts = [
         NATIVE_PREAMBLE,
@@ -204,14 +206,21 @@ def _pad_lane(lane: Lane, per_joint: list[str]) -> str:
     return f"{{{', '.join([*per_joint, *[per_joint[0]] * (lane.width - len(lane.joints))])}}}"
 
 
+def _list_shared_entries(graphs: Graphs) -> list[int]:
+    """Indices in x of states that no drive reads, as those of a base or a link that bends."""
+    held = {i for lane in graphs.lanes for index in lane.state_entries for i in index}
+    return [i for i in range(len(graphs.model.x_slots)) if i not in held]
+
+
 def _locate_entries(graphs: Graphs) -> dict[int, str]:
     """Index in x -> where the state holds it."""
-    return {
+    lanes = {
         i: f"lane_{k}[{entry}][{place}]"
         for k, lane in enumerate(graphs.lanes)
         for entry, index in enumerate(lane.state_entries)
         for place, i in enumerate(index)
     }
+    return lanes | {i: f"shared[{k}]" for k, i in enumerate(_list_shared_entries(graphs))}
 
 
 def _fill_lanes(graphs: Graphs, pointer: str, source: str) -> list[str]:
@@ -221,7 +230,8 @@ def _fill_lanes(graphs: Graphs, pointer: str, source: str) -> list[str]:
         for entry, index in enumerate(lane.state_entries):
             vector = _pad_lane(lane, list(map(source.format, index)))
             lines.append(f"{pointer}->lane_{k}[{entry}] = (v{lane.width}){vector};")
-    return lines
+    shared = enumerate(_list_shared_entries(graphs))
+    return [*lines, *(f"{pointer}->shared[{k}] = {source.format(i)};" for k, i in shared)]
 
 
 def _emit_spread_and_gather(graphs: Graphs) -> str:
@@ -237,6 +247,9 @@ def _emit_along(graphs: Graphs) -> str:
     for k, lane in enumerate(graphs.lanes):
         each = f"for (int i = 0; i < {len(lane.state_entries)}; i++)"
         lines.append(f"{each} y->lane_{k}[i] = x->lane_{k}[i] + reach * slope->lane_{k}[i];")
+    if shared := _list_shared_entries(graphs):
+        each = f"for (int i = 0; i < {len(shared)}; i++)"
+        lines.append(f"{each} y->shared[i] = x->shared[i] + reach * slope->shared[i];")
     return _inline_function("along", "const state *x, double reach, const state *slope, state *y", lines)
 
 

@@ -24,8 +24,9 @@ class Port(Enum):
     PLAY = "transmission, play"  # takes an angle from the torsion before the springs see it, rad at the joint
     SERIES = "transmission, series"  # gives a rigid drive springs: (factor on their level, damping in N m s/rad)
     TRANSMISSION = "transmission, torque"  # adds to the joint torque, N m
-    BASE = "link, base"  # adds to gravity in the base frame, m/s² (x, y)
-    MASS = "link, mass"  # adds a point mass at the tip, kg
+    BASE = "link, base"  # adds to gravity in the base frame, m/s² (x, y; in space z too)
+    MASS = "link, mass"  # adds a point mass: kg, at the tip; in space with its place in the tip's frame, m
+    STAND = "link, stand"  # lets the base turn about three axes: (rad by N m, 1/s²)
     LINK = "link, torque"  # adds a torque to the joint, N m
     SENSOR = "sensor, joint angle"  # adds to the reading of the joint's encoder, rad
     TORQUE_SENSOR = "sensor, joint torque"  # adds to the reading of the joint's torque sensor, N m
@@ -124,6 +125,8 @@ class Signals:
     joint_velocity: Any = None  # q̇, rad/s
     joint_acceleration: Any = None  # q̈ with smooth friction, rad/s²
     ratio: Any = None  # N
+    gravity: Any = None  # in the base frame as the robot file states it, m/s²
+    level_axes: Any = None  # two unit vectors of the base frame across the robot file's gravity
     states: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -143,7 +146,8 @@ class Effect:
         suits_rigid_drive: Whether it has a meaning in a rigid drive.
         joints: Where it is stated: "each" joint, the "first" or the "last" only, or the "arm" as a whole (joint 0).
         suits_prismatic_joint: Whether it has a meaning at a prismatic joint.
-        suits_joint_in_space: Whether its equation holds at a joint of a chain that leaves the plane.
+        space_form: The effect as it acts in a chain that leaves the plane, where it has other numbers there.
+        needs_gravity: Whether it has no meaning where the robot file states no gravity.
         usual_shares: Of amplitudes that are keys of the robot file, the difference from nominal that is usually met,
             as a share of it.
         guessed_keys: Of these keys those that a robot file often guesses, so that the true value may be any multiple.
@@ -169,7 +173,8 @@ class Effect:
     suits_rigid_drive: bool = True
     joints: str = "each"
     suits_prismatic_joint: bool = True
-    suits_joint_in_space: bool = True
+    space_form: Effect | None = None
+    needs_gravity: bool = False
     usual_shares: Mapping[str, float] = field(default_factory=dict, hash=False)
     guessed_keys: tuple[str, ...] = ()
     experiment: Experiment = field(kw_only=True)
@@ -181,3 +186,17 @@ class Effect:
     twins: tuple[str, ...] = ()
     walls: tuple[Wall, ...] = ()
     series_spring: SeriesSpring | None = None
+
+    def choose_form(self, in_space: bool) -> Effect:
+        """Choose the form of the effect that suits a chain.
+
+        Args:
+            in_space: Whether the chain leaves the plane.
+
+        Returns:
+            The effect with the numbers and the equation that it has there.
+
+        """
+        if in_space and self.space_form is not None:
+            return self.space_form
+        return self

@@ -1,6 +1,7 @@
-"""Gravity in the plane of motion. Legend: g_x, g_y in the base frame, m/s²."""
+"""Gravity. Legend: g_x, g_y in the base frame, m/s², in the plane of motion; in space g_z too."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
@@ -12,7 +13,12 @@ def compute_gravity(s: Signals, p: Mapping[str, Any]) -> Any:
     return p["gravity_x"], p["gravity_y"]
 
 
-EFFECT = Effect(
+def compute_gravity_in_space(s: Signals, p: Mapping[str, Any]) -> Any:
+    """(g_x, g_y, g_z)."""
+    return p["gravity_x"], p["gravity_y"], p["gravity_z"]
+
+
+PLANE_FORM = Effect(
     name="gravity",
     port=Port.BASE,
     parameters=(),
@@ -23,4 +29,10 @@ EFFECT = Effect(
     experiment=Experiment("hold still at several poses across the range", "follows the lever of the pose"),
     confusion_groups=(ConfusionGroup.POSE,),
     plot=Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ANGLE),
+)
+EFFECT = replace(
+    PLANE_FORM,
+    space_form=replace(
+        PLANE_FORM, amplitudes=("gravity_x", "gravity_y", "gravity_z"), equation=compute_gravity_in_space
+    ),
 )

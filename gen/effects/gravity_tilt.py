@@ -1,18 +1,40 @@
-"""The base is not level. Legend: t_x, t_y gravity that comes into the plane by it, m/s²."""
+"""The base is not level. Legend: in the plane t_x, t_y gravity that comes into it by the tilt, m/s². In space R, the
+turn of the base by its roll, then by its pitch, rad, about two level axes: the level part of x of the base (of y,
+where x is within 37° of upright), and the one across it. Where gravity points along −z these are x and y."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
+
+import casadi as ca
 
 from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
 def compute_gravity(s: Signals, p: Mapping[str, Any]) -> Any:
-    """(t_x, t_y), added to gravity."""
+    """(t_x, t_y), added to gravity; in space Rᵀ g − g."""
     return p["tilt_x"], p["tilt_y"]
 
 
-EFFECT = Effect(
+def compute_turned_gravity(s: Signals, p: Mapping[str, Any]) -> Any:
+    """Rᵀ g − g, added to gravity."""
+    first, second = s.level_axes
+    rolled = _turn_back(first, p["tilt_roll"], s.gravity)
+    return rolled + _turn_back(second, p["tilt_pitch"], s.gravity + rolled)
+
+
+def _turn_back(axis: Any, angle: Any, a: Any) -> Any:
+    """The change of the components of a vector when their frame turns about a unit vector (Rodrigues)."""
+    across = ca.cross(axis, a)
+    return (1 - ca.cos(angle)) * ca.cross(axis, across) - ca.sin(angle) * across
+
+
+def _tilt_angle(name: str, axis: str) -> Parameter:
+    return Parameter(name, "rad", 0.0, -1.0, 1.0, f"turn of the base about its {axis} level axis", typical=0.087)
+
+
+PLANE_FORM = Effect(
     name="gravity_tilt",
     port=Port.BASE,
     parameters=(
@@ -41,7 +63,6 @@ EFFECT = Effect(
     equation=compute_gravity,
     citation="Lagrangian of the chain (`gen.model.lagrangian`); size: 5° of 9.81 m/s²",
     joints="arm",
-    suits_joint_in_space=False,
     experiment=Experiment(
         "hold still at several poses across the range", "follows the pose's lever about an upright axis, too"
     ),
@@ -50,4 +71,15 @@ EFFECT = Effect(
         ConfusionGroup.RANGE_END,
     ),
     plot=Plot(PlotKind.RESIDUAL, Abscissa.JOINT_ANGLE),
+)
+EFFECT = replace(
+    PLANE_FORM,
+    space_form=replace(
+        PLANE_FORM,
+        parameters=(_tilt_angle("tilt_roll", "first"), _tilt_angle("tilt_pitch", "second")),
+        amplitudes=("tilt_roll", "tilt_pitch"),
+        equation=compute_turned_gravity,
+        citation="Rodrigues' rotation, Featherstone (2008), ch. 2; size: 5°",
+        needs_gravity=True,
+    ),
 )

@@ -11,17 +11,20 @@ lanes; only the chain couples the joints.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
-from gen.effects.effect import Effect, Port, Signals
+from gen.effects.effect import Effect, Port, Signals, State
 from gen.model import harmonic_drive as drive
+from gen.model.carried_rotors import CarriedRotor, find_carried_rotors
+from gen.model.chain_dynamics import ChainDynamics
 from gen.model.drive_equations import DriveOutputs, DriveSymbols, write_drive_equations
 from gen.model.model_quantities import list_inputs, list_quantities, list_states, memory_step_quantity
 from gen.model.robot_chain import make_chain
-from gen.model.symmetric_matrices import solve_symmetric
 from gen.robot.description import Robot
+from gen.robot.link_geometry import find_level_axes
 
 SX = ca.SX
 
@@ -30,17 +33,19 @@ class Model:
     """Symbols and equations of one robot with a tuple of effects."""
 
     def __init__(self, robot: Robot, effects: tuple[Effect, ...]) -> None:
-        self.robot, self.effects = robot, effects
+        self.robot = robot
+        self.effects = tuple(effect.choose_form(robot.in_space) for effect in effects)
         self.n = len(robot.joints)
         self.joints = range(1, self.n + 1)
         self.chain = make_chain(robot)
         self.flexible = tuple(j for j in self.joints if not robot.joints[j - 1].drive.rigid)
         self.rigid = tuple(j for j in self.joints if robot.joints[j - 1].drive.rigid)
         self.plan = drive.plan_inverse([robot.joints[j - 1].drive for j in self.flexible])
-        self.effect_states = tuple((e, s, j) for e in effects for j in self.joints_of_effect(e) for s in e.states)
+        placed = [(effect, self.joints_of_effect(effect)) for effect in self.effects]
+        self.effect_states = tuple((e, s, j) for e, joints in placed for j in joints for s in e.states)
         self.x_slots = list_states(robot, [(state, j) for _, state, j in self.effect_states])
         self.u_slots = list_inputs(robot)
-        self.quantities = list_quantities(robot, [(e, self.joints_of_effect(e)) for e in effects], self.u_slots)
+        self.quantities = list_quantities(robot, placed, self.u_slots)
         if any(s.is_rate_limited for _, s, _ in self.effect_states) and not self.needs_stiff_step:
             self.quantities += (memory_step_quantity(robot.step),)
         self.p = SX.sym("p", len(self.quantities))
@@ -73,7 +78,7 @@ class Model:
             The joints' numbers from 1; (0,) for the arm as a whole.
 
         """
-        if not self._acts_here(effect):
+        if effect.needs_gravity and not any(part.nominal for part in self.robot.gravity):
             return ()
         if effect.joints == "arm":
             return (0,)
@@ -87,9 +92,10 @@ class Model:
             and (effect.suits_prismatic_joint or self.robot.joints[j - 1].kind == "revolute")
         )
 
-    def _acts_here(self, effect: Effect) -> bool:
-        """Whether the effect's equation holds in a chain like this one."""
-        return effect.suits_joint_in_space or not self.robot.in_space
+    @property
+    def drive_states(self) -> tuple[tuple[Effect, State, int], ...]:
+        """The states of effects that stand in a drive, each with its effect and the number of its joint."""
+        return tuple(one for one in self.effect_states if one[0].port is not Port.STAND)
 
     def state_symbol(self, name: str) -> Any:
         """Find the symbol of a state.
@@ -191,11 +197,17 @@ class Model:
 
         """
         values = dict(self.by_name)
-        fields = [e.equation(Signals(), self.joint_parameters(0)) for e in self.effects_at(Port.BASE, 0)]
-        values["gravity_x"], values["gravity_y"] = (sum(f[k] for f in fields) for k in (0, 1))
-        values["tip_mass"] = sum(
-            e.equation(Signals(), self.joint_parameters(self.n)) for e in self.effects_at(Port.MASS, self.n)
-        )
+        stated = ca.vertcat(*(self.by_name[f"gravity_{axis}"] for axis in self.chain.axes))
+        base = Signals(gravity=stated, level_axes=find_level_axes(self.robot))
+        fields = [e.equation(base, self.joint_parameters(0)) for e in self.effects_at(Port.BASE, 0)]
+        for k, axis in enumerate(self.chain.axes):
+            values[f"gravity_{axis}"] = sum(field[k] for field in fields)
+        masses = [e.equation(Signals(), self.joint_parameters(self.n)) for e in self.effects_at(Port.MASS, self.n)]
+        if self.chain.in_space:
+            for mass, *center in masses:
+                values |= {"tip_mass": mass, "tip_mass_center": center}
+        else:
+            values["tip_mass"] = sum(masses)
         return values
 
     # -- one drive --------------------------------------------------------------------------------------------------
@@ -219,157 +231,67 @@ class Model:
             theta, omega = p["ratio"] * q, p["ratio"] * v
         else:
             theta, omega = self.state_symbol(f"motor_position_{j}"), self.state_symbol(f"motor_velocity_{j}")
-        states = {(e.name, s.name): self.state_symbol(f"{s.name}_{j}") for e, s, k in self.effect_states if k == j}
+        states = {(e.name, s.name): self.state_symbol(f"{s.name}_{j}") for e, s, k in self.drive_states if k == j}
         effects = tuple(e for e in self.effects if j in self.joints_of_effect(e))
         current = self.u[j - 1]
         symbols = DriveSymbols(j in self.rigid, q, v, theta, omega, current, states, effects, self.plan)
         return write_drive_equations(symbols, p, exact, spring_torque)
 
-    # -- the whole arm ----------------------------------------------------------------------------------------------
+    # -- rotors -----------------------------------------------------------------------------------------------------
 
-    def rotor_reaction(self, j: int, p: dict[str, Any]) -> Any:
-        """Find how the rotor of a joint couples to the links before it.
-
-        Args:
-            j: The joint's number from 1.
-            p: The joint's parameters by name.
-
-        Returns:
-            The row of ∂(rotor speed)/∂v (1 × n), or None where the rotor is not coupled.
-
-        """
-        found = [e.equation(Signals(ratio=p["ratio"]), p) for e in self.effects_at(Port.REACTION, j)]
-        if not found:
-            return None
-        carried = [int(k < j and self.robot.joints[k - 1].kind == "revolute") for k in self.joints]
-        return sum(found) * SX(carried).T
-
-    def carried_motion(self, j: int, p: dict[str, Any], motion: Any) -> Any:
-        """Find the part of a rotor's motion that the links before its joint give it.
+    def find_rotors(self, chain: ChainDynamics, trig: Any, velocities: Sequence[Any]) -> dict[int, CarriedRotor]:
+        """Find how links move the rotors that they carry.
 
         Args:
-            j: The joint's number from 1.
-            p: The joint's parameters by name.
-            motion: Velocities or accelerations of the joints (n).
+            chain: The chain, or a longer one that ends with its joints.
+            trig: Sines and cosines of its joints' angles.
+            velocities: Velocities of its joints.
 
         Returns:
-            The same of the rotor, at the motor; 0 where it is not coupled.
+            The coupled rotors by the number of their joint.
 
         """
-        reaction = self.rotor_reaction(j, p)
-        if reaction is None:
-            return 0
-        return (reaction @ motion)[0]
+        before, directions = chain.n - self.n - 1, {}
+        for j in self.joints:
+            p = self.joint_parameters(j)
+            found = [e.equation(Signals(ratio=p["ratio"]), p) for e in self.effects_at(Port.REACTION, j)]
+            if found:
+                directions[before + j] = sum(found)
+        carried = find_carried_rotors(chain, trig, velocities, directions)
+        return {place - before: rotor for place, rotor in carried.items()}
 
-    def total_mass_matrix(self, trig: Any = None) -> Any:
+    def add_rotors(self, M: Any, rotors: dict[int, CarriedRotor]) -> Any:
+        """Add the rotors of rigid drives to a mass matrix.
+
+        Args:
+            M: The mass matrix of a chain that ends with the arm's joints.
+            rotors: The coupled rotors in it (`find_rotors`).
+
+        Returns:
+            The sum.
+
+        """
+        size = M.shape[0]
+        for j in self.rigid:
+            p = self.joint_parameters(j)
+            row = SX.zeros(1, size)
+            row[size - self.n + j - 1] = p["ratio"]
+            if j in rotors:
+                row = row + rotors[j].row
+            M = M + p["motor_inertia"] * row.T @ row
+        return M
+
+    def total_mass_matrix(self) -> Any:
         """Write the mass matrix of the links with the rotors of rigid drives.
-
-        Args:
-            trig: Sine and cosine of the joints' angles (`Chain.trig`); None makes them from q.
 
         Returns:
             The mass matrix (n × n), kg m² or kg.
 
         """
-        return self._add_rotors(self.chain.mass_matrix(self.q, self.chain_parameters(), trig))
+        return self._links_and_rotors
 
-    def _add_rotors(self, M: Any) -> Any:
-        """A mass matrix with the rotors of rigid drives added."""
-        for j in self.rigid:
-            p = self.joint_parameters(j)
-            row = SX.zeros(1, self.n)
-            row[j - 1] = p["ratio"]
-            reaction = self.rotor_reaction(j, p)
-            if reaction is not None:
-                row = row + reaction
-            M = M + p["motor_inertia"] * row.T @ row
-        return M
-
-    def equations_of_motion(
-        self, drives: dict[int, DriveOutputs], sliding: Any = None, trig: Any = None
-    ) -> tuple[Any, Any]:
-        """Write the equations of motion of the whole arm.
-
-        Args:
-            drives: The drive of each joint by its number.
-            sliding: Direction of sliding of each motor (n), −1, 1, or 0 to stop it; None lets all move.
-            trig: Sine and cosine of the joints' angles (`Chain.trig`); None makes them from q.
-
-        Returns:
-            The rate of x, and the torque that would hold each motor where it is (n, N m at the motor), which has a
-            meaning for stopped joints only.
-
-        """
-        load = self._acting_load(drives, trig, [0] * self.n)
-        M = self.total_mass_matrix(trig)
-        released: list[Any] = [1] * self.n  # 1 where a motor moves, 0 where it is stopped
-        if sliding is None:
-            accelerations = solve_symmetric(M, load)
-        else:
-            released = [sliding[j - 1] ** 2 for j in self.joints]
-            moves = [SX(1)] * self.n
-            for j in self.rigid:
-                moves[j - 1] = released[j - 1]
-            held = ca.diag(ca.vertcat(*moves))
-            accelerations = solve_symmetric(held @ M @ held + SX.eye(self.n) - held, ca.vertcat(*moves) * load)
-        rest = load - M @ accelerations
-        hold = []
-        for j in self.joints:
-            p, d = self.joint_parameters(j), drives[j]
-            if j in self.rigid:
-                hold.append(rest[j - 1] / p["ratio"])
-            else:
-                hold.append(d.net_torque - p["motor_inertia"] * self.carried_motion(j, p, accelerations))
-        return self.state_rate(drives, accelerations, released), ca.vertcat(*hold)
-
-    def state_rate(self, drives: dict[int, DriveOutputs], accelerations: Any, released: Sequence[Any]) -> Any:
-        """Write the rate of x.
-
-        Args:
-            drives: The drive of each joint by its number.
-            accelerations: Accelerations of the joints (n).
-            released: 1 where a motor moves, 0 where it is stopped (n).
-
-        Returns:
-            The rate of x.
-
-        """
-        motor = []
-        for j in self.flexible:
-            carried = self.carried_motion(j, self.joint_parameters(j), accelerations)
-            motor.append((drives[j].acceleration - carried) * released[j - 1])
-        speeds = [self.state_symbol(f"motor_velocity_{j}") for j in self.flexible]
-        pending = {j: list(drives[j].rates) for j in self.joints}
-        rates = [pending[j].pop(0) for _, _, j in self.effect_states]
-        return ca.vertcat(*speeds, self.v, *motor, accelerations, *rates)
-
-    def unbalanced_load(self, drives: dict[int, DriveOutputs], accelerations: Any) -> Any:
-        """Write the torques that a motion lacks: inverse dynamics, of which the true accelerations leave 0.
-
-        Args:
-            drives: The drive of each joint by its number.
-            accelerations: Accelerations of the joints (n).
-
-        Returns:
-            The torques (n), N m or N.
-
-        """
-        rotors = self._add_rotors(SX.zeros(self.n, self.n))
-        return self._acting_load(drives, None, ca.vertsplit(accelerations)) - rotors @ accelerations
-
-    def _acting_load(self, drives: dict[int, DriveOutputs], trig: Any, accelerations: Sequence[Any]) -> Any:
-        """Torques of the drives, less those that the chain needs for its accelerations (n, N m or N)."""
-        forces = []
-        for j in self.joints:
-            torque = drives[j].joint_torque
-            if j in self.rigid:
-                torque = torque + self.joint_parameters(j)["ratio"] * drives[j].net_torque
-            forces.append(torque)
-        load = ca.vertcat(*forces)
-        for j in self.flexible:
-            reaction = self.rotor_reaction(j, self.joint_parameters(j))
-            if reaction is not None:
-                load = load - reaction.T * drives[j].net_torque
-        chain = self.chain_parameters()
-        field, wrench = self.chain.gravity(chain), ca.vertsplit(self.wrench)
-        return load - self.chain.newton_euler(self.q, self.v, accelerations, chain, field, wrench, trig)
+    @cached_property
+    def _links_and_rotors(self) -> Any:
+        trig = self.chain.sines_and_cosines(self.q)
+        rotors = self.find_rotors(self.chain, trig, ca.vertsplit(self.v))
+        return self.add_rotors(self.chain.mass_matrix(self.q, self.chain_parameters(), trig), rotors)

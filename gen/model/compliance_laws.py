@@ -3,9 +3,8 @@
 Legend: x tip position, x_d desired, x_e = x − x_d; M, B, K the wanted mass, damping, stiffness; F_e force of the
 world on the tip; Λ = (J M_q⁻¹ Jᵀ)⁻¹ the tip's inertia (the paper's m); q joint angle; h period.
 
-The outer laws ask for a joint acceleration, which the inner loops of `gen.model.control_loop` give to a flexible,
-sticking drive. Its torque loop does not break a standing rigid joint loose: there an impedance law keeps a dead band,
-an admittance law does not.
+The outer laws ask for a joint acceleration, which the inner loops of `gen.model.control_loop` give to a sticking
+drive, flexible or rigid. The laws of a tip in space are those of `gen.model.tip_laws_in_space`.
 Sources: paper (20)–(26) corrected; Khatib, IEEE J. Robot. Autom. 3 (1987) 43 for Λ.
 """
 
@@ -16,69 +15,13 @@ from typing import Any
 
 import casadi as ca
 
-from gen.effects.effect import Parameter
 from gen.model.arm_model import Model
 from gen.model.control_loop import ControlLoop, Law
+from gen.model.impedance_terms import find_tip_inertia, held_force, list_impedance_gains
 from gen.model.symmetric_matrices import solve_symmetric
+from gen.model.tip_laws_in_space import admittance_in_space, impedance_in_space
 
 SX = ca.SX
-SQUARINGS, TAYLOR = 50, 6  # of `held_force`: h B/M up to 1e14, the most that the gains' bounds allow, becomes 0.1
-
-
-def tip_inertia(loop: ControlLoop, M_q: Any, J: Any) -> Any:
-    """Λ (2 × 2): inverse of the tip's mobility, kept finite in singular poses."""
-    columns = [solve_symmetric(M_q, J.T[:, k]) for k in range(2)]
-    A = J @ ca.horzcat(*columns) + loop.g["singularity"] * SX.eye(2)
-    return ca.horzcat(*(solve_symmetric(A, SX.eye(2)[:, k]) for k in range(2)))
-
-
-def held_force(M: Any, B: Any, K: Any, h: Any, x: Any, v: Any, F: Any) -> tuple[Any, Any]:
-    """Move M ẍ + B ẋ + K x = F on by one period with F held: (26) discretised exactly.
-
-    exp(A h) is found by scaling and squaring, but as Y = exp − 1: Y ← 2 Y + Y² keeps every digit of entries that are
-    small against 1, however many squarings follow. So one number of squarings serves the whole range of the gains.
-
-    Args:
-        M: Mass, kg or kg m².
-        B: Damping, N s/m or N m s/rad.
-        K: Stiffness, N/m or N m/rad.
-        h: Period, s.
-        x: Position, m or rad.
-        v: Velocity.
-        F: Force or torque.
-
-    Returns:
-        Position and velocity after the period.
-
-    Source:
-        Van Loan, IEEE Trans. Autom. Control 23 (1978) 395; Moler, Van Loan, SIAM Review 45 (2003) 3, method 3.
-
-    """
-    A = SX(3, 3)
-    A[0, 1], A[1, 0], A[1, 1], A[1, 2] = h, -h * K / M, -h * B / M, h / M
-    scaled = A / 2.0**SQUARINGS
-    Y = scaled
-    for k in range(TAYLOR, 1, -1):
-        Y = scaled + scaled @ Y / k
-    for _ in range(SQUARINGS):
-        Y = 2 * Y + Y @ Y
-    return x + Y[0, 0] * x + Y[0, 1] * v + Y[0, 2] * F, v + Y[1, 0] * x + Y[1, 1] * v + Y[1, 2] * F
-
-
-def _mass_damping_stiffness(
-    axes: tuple[str, ...], units: tuple[str, str, str], nominal: tuple[float, float, float]
-) -> tuple[Parameter, ...]:
-    """Gains for the wanted mass, damping and stiffness along each axis."""
-    kinds = (
-        ("mass", "wanted inertia", 1e-9),
-        ("damping", "wanted damping", 0.0),
-        ("stiffness", "wanted stiffness", 0.0),
-    )
-    return tuple(
-        Parameter(f"{name}_{axis}", unit, value, low, 1e6, meaning)
-        for (name, meaning, low), unit, value in zip(kinds, units, nominal, strict=True)
-        for axis in axes
-    )
 
 
 def position_law(model: Model, c: Any) -> Law:
@@ -96,22 +39,23 @@ def impedance_cartesian(model: Model, c: Any) -> Law:
     loop = ControlLoop(
         model,
         "impedance_cartesian",
-        _mass_damping_stiffness(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)),
+        list_impedance_gains(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)),
         "cartesian",
         (),
     )
     seen, memory = loop.estimate_arm()
     x_d, v_d, a_d = loop.split_reference()
     M_q, bias, J, turn = loop.arm_terms(seen.q, seen.v)
+    seen, memory = loop.observe_rigid_drives(seen, memory, M_q, bias, J.T @ seen.force)
     M, B, K = loop.mass_damping_stiffness("xy")
     x_e = loop.model.chain.tip_position(seen.q, model.chain_parameters()) - x_d
     v_e = J @ seen.v - v_d
-    L = tip_inertia(loop, M_q, J)
+    L = find_tip_inertia(loop, M_q, J)
     F = L @ (a_d - turn + (seen.force - B * v_e - K * x_e) / M) - seen.force
     push = J.T @ F
     idle = -loop.g["posture_damping"] * (M_q @ seen.v)  # without the part that the tip feels
-    push = push + idle - J.T @ (L @ (J @ _solve_columns(M_q, idle)))
-    acceleration = _solve_columns(M_q, push + J.T @ seen.force)
+    push = push + idle - J.T @ (L @ (J @ solve_symmetric(M_q, idle)))
+    acceleration = solve_symmetric(M_q, push + J.T @ seen.force)
     return loop.make_law(c, loop.torque_loop(seen, push + bias, acceleration), memory, [])
 
 
@@ -121,13 +65,14 @@ def impedance_joint(model: Model, c: Any) -> Law:
     loop = ControlLoop(
         model,
         "impedance_joint",
-        _mass_damping_stiffness(axes, ("kg m²", "N m s/rad", "N m/rad"), (0.2, 3.0, 30.0)),
+        list_impedance_gains(axes, ("kg m²", "N m s/rad", "N m/rad"), (0.2, 3.0, 30.0)),
         "joint",
         (),
     )
     seen, memory = loop.estimate_arm()
     q_d, v_d, a_d = loop.split_reference()
     M_q, bias, J, _ = loop.arm_terms(seen.q, seen.v)
+    seen, memory = loop.observe_rigid_drives(seen, memory, M_q, bias, J.T @ seen.force)
     M, B, K = loop.mass_damping_stiffness(axes)
     outside = J.T @ seen.force
     acceleration = a_d + (outside - B * (seen.v - v_d) - K * (seen.q - q_d)) / M
@@ -145,7 +90,7 @@ def admittance_cartesian(model: Model, c: Any) -> Law:
     loop = ControlLoop(
         model,
         "admittance_cartesian",
-        _mass_damping_stiffness(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)),
+        list_impedance_gains(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)),
         "cartesian",
         names,
     )
@@ -160,7 +105,9 @@ def admittance_cartesian(model: Model, c: Any) -> Law:
     h = loop.g["period"]
     a_e = (seen.force - B * v_e - K * x_e) / M
     M_q, _, J, _ = loop.arm_terms(q, SX.zeros(n))
-    weighted = _solve_columns(M_q, J.T) @ tip_inertia(loop, M_q, J)  # the inverse of J that asks least of the motors
+    weighted = solve_symmetric(M_q, J.T) @ find_tip_inertia(
+        loop, M_q, J
+    )  # the inverse of J that asks least of the motors
     gap = x_d + x_e - model.chain.tip_position(q, model.chain_parameters())
     v = weighted @ (v_d + v_e + gap / (4 * h))
     turn = loop.arm_terms(q, v)[3]
@@ -184,7 +131,7 @@ def admittance_joint(model: Model, c: Any) -> Law:
     loop = ControlLoop(
         model,
         "admittance_joint",
-        _mass_damping_stiffness(axes, ("kg m²", "N m s/rad", "N m/rad"), (0.2, 3.0, 30.0)),
+        list_impedance_gains(axes, ("kg m²", "N m s/rad", "N m/rad"), (0.2, 3.0, 30.0)),
         "joint",
         names,
     )
@@ -203,12 +150,8 @@ def admittance_joint(model: Model, c: Any) -> Law:
     return loop.make_law(c, T, [*memory, *later], [seen.q - q_d, -v_d])
 
 
-def _solve_columns(M: Any, b: Any) -> Any:
-    return ca.horzcat(*(solve_symmetric(M, b[:, k]) for k in range(b.shape[1])))
-
-
 LAW_BUILDERS = (position_law, impedance_cartesian, impedance_joint, admittance_cartesian, admittance_joint)
-SPACE_LAW_BUILDERS = (position_law, impedance_joint, admittance_joint)  # those whose reference is the joints'
+SPACE_LAW_BUILDERS = (position_law, impedance_in_space, impedance_joint, admittance_in_space, admittance_joint)
 
 
 def make_laws(model: Model, c: Any) -> tuple[Law, ...]:

@@ -6,9 +6,10 @@ The inner loops give a wanted joint acceleration to a flexible, sticking drive:
   loop closed on the estimate from torsion; reflected rotors are compensated by J_m N q̈;
 - position: T = τ/N + J_m (N q̈ + 2 λ (N q̇ − ω) + λ² (θ_d − θ)) − r, θ_d = N (q + φ_d).
 
-A rigid drive has no torsion to read: T = τ/N + J_m N q̈ + viscous and dry friction of the model, at the wanted speed
-in the position loop and at the measured speed in the torque loop, which therefore does not break a standing rigid
-joint loose.
+A rigid drive has no torsion to read: T = τ/N + J_m N q̈ + viscous friction of the model + dry friction. The position
+loop takes dry friction from the model, at the wanted speed. The torque loop observes it in the motion of the joints:
+r is the filtered rest of M q̈ + C v + g − Jᵀ F_e − N T; without the observer it is the model's at the measured speed,
+and a standing joint is not broken loose.
 
 Legend: q joint, θ motor angle; φ torsion; τ joint torque; T motor torque; r the disturbance observer's estimate of all
 that pushes the rotor besides T and τ/N, above all dry friction.
@@ -20,7 +21,8 @@ for friction as an observed disturbance.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -71,6 +73,33 @@ class ArmEstimate:
     disturbance: list[Any]  # disturbances at the rotors, N m at the motor
 
 
+def _name_reference(model: Model, space: str) -> tuple[str, ...]:
+    """Position, velocity and acceleration of the joints or the tip; in space the tip's turn stands after each."""
+    motions: tuple[str, ...] = ("joint_position", "joint_velocity", "joint_acceleration")
+    axes = tuple(str(j) for j in model.joints)
+    if space == "cartesian":
+        motions, axes = ("tip_position", "tip_velocity", "tip_acceleration"), model.chain.axes
+        if model.chain.in_space:
+            turns = ("tip_rotation", "tip_angular_velocity", "tip_angular_acceleration")
+            motions = tuple(name for pair in zip(motions, turns, strict=True) for name in pair)
+    return tuple(f"{motion}_{axis}" for motion in motions for axis in axes)
+
+
+@lru_cache(maxsize=1)
+def _write_arm_terms(model: Model) -> tuple[list[Any], list[Any]]:
+    """The symbols q and v, and with them mass matrix of the links, C v + g, J, and dJ/dt v: once for all laws."""
+    chain, p = model.chain, model.chain_parameters()
+    q, v = SX.sym("q", model.n), SX.sym("v", model.n)
+    J = chain.tip_jacobian(q, p)
+    return [q, v], [chain.mass_matrix(q, p), chain.bias_torque(q, v, p), J, ca.jtimes(J @ v, q, v)]
+
+
+@lru_cache(maxsize=1)
+def _write_mass_matrix(model: Model) -> Any:
+    """The mass matrix with the rotors of rigid drives, over the model's own q: once for all laws."""
+    return model.total_mass_matrix()
+
+
 class ControlLoop:
     """Symbols of one law, and the inner loops that all laws share."""
 
@@ -78,17 +107,13 @@ class ControlLoop:
         self, model: Model, name: str, own: tuple[Parameter, ...], space: str, memory: tuple[str, ...]
     ) -> None:
         self.model, self.name, n = model, name, model.n
-        self.gains = (*COMMON_GAINS, *own)
+        named = {gain.name for gain in own}
+        self.gains = (*(gain for gain in COMMON_GAINS if gain.name not in named), *own)
         self.g = {
             gain.name: symbol
             for gain, symbol in zip(self.gains, ca.vertsplit(SX.sym("gains", len(self.gains))), strict=True)
         }
-        noun, axes = "joint", tuple(str(j) for j in model.joints)
-        if space == "cartesian":
-            noun, axes = "tip", ("x", "y")
-        self.reference_names = tuple(
-            f"{noun}_{what}_{axis}" for what in ("position", "velocity", "acceleration") for axis in axes
-        )
+        self.reference_names = _name_reference(model, space)
         self.reference = SX.sym("reference", len(self.reference_names))
         filters = ("last_motor_position", "last_joint_position", "motor_velocity", "joint_velocity", "observed")
         self.state_names = tuple(f"{f}_{j}" for f in filters for j in model.joints) + memory
@@ -146,13 +171,44 @@ class ControlLoop:
         seen = ArmEstimate(theta, q, omega, v, phi, rate, torque, force, r)
         return seen, [theta, q, omega, v, ca.vertcat(*next_observed)]
 
+    def observe_rigid_drives(
+        self, seen: ArmEstimate, memory: list[Any], M_q: Any, bias: Any, outside: Any
+    ) -> tuple[ArmEstimate, list[Any]]:
+        """Observe the disturbances of rigid drives in the motion of the joints.
+
+        Args:
+            seen: The arm at this tick.
+            memory: The next memory of the estimates.
+            M_q: Mass matrix of the links (n × n).
+            bias: C v + g (n).
+            outside: Joint torques of the force at the tip (n).
+
+        Returns:
+            Both with the disturbances; nothing is observed before a first torque was sent.
+
+        """
+        n, g = self.model.n, self.g
+        change = (seen.v - self.state[3 * n : 4 * n]) / g["period"]
+        load = M_q @ change + bias - outside
+        decay = ca.if_else(ca.dot(self.sent, self.sent) > 0, ca.exp(-g["observer_bandwidth"] * g["period"]), 1)
+        r, kept = list(seen.disturbance), ca.vertsplit(memory[-1])
+        for j in self.model.rigid:
+            p, k = self.model.joint_parameters(j), j - 1
+            turning = p["motor_inertia"] * p["ratio"] * change[k] + p["viscous_friction"] * p["ratio"] * seen.v[k]
+            rest = load[k] / p["ratio"] + turning - self.sent[k]
+            r[k] = kept[k] = decay * self.state[4 * n + k] + (1 - decay) * rest
+        return replace(seen, disturbance=r), [*memory[:-1], ca.vertcat(*kept)]
+
     def torque_loop(self, seen: ArmEstimate, torque: Any, acceleration: Any) -> Any:
         """Motor torques that make the joint torque follow ``torque`` (n)."""
         out = []
         for j in self.model.joints:
             p, k = self.model.joint_parameters(j), j - 1
             if j in self.model.rigid:
-                out.append(self._rigid_drive_torque(j, seen.v[k], acceleration[k], torque[k]))
+                dry = ca.if_else(
+                    self.g["observer_bandwidth"] > 0, -seen.disturbance[k], self._dry_friction(j, seen.v[k])
+                )
+                out.append(self._rigid_drive_torque(j, seen.v[k], acceleration[k], torque[k], dry))
                 continue
             twist = harmonic_drive.spring_torsion(torque[k] / p["stiffness_level"], harmonic_drive.spring_constants(p))
             gain = self.g["bandwidth"]
@@ -163,14 +219,16 @@ class ControlLoop:
     def position_loop(self, seen: ArmEstimate, q: Any, v: Any, a: Any, torque: Any) -> Any:
         """Motor torques that make the joints follow q, v, a (n each), for which they need ``torque``."""
         gain = self.g["bandwidth"]
+        total = _write_mass_matrix(self.model)
         out = []
         for j in self.model.joints:
             p, k = self.model.joint_parameters(j), j - 1
             if j in self.model.rigid:
                 back = 2 * gain * (v[k] - seen.v[k]) + gain**2 * (q[k] - seen.q[k])
-                full = self.model.total_mass_matrix()[k, k] / p["ratio"]
+                full = total[k, k] / p["ratio"]
                 full = ca.substitute(full, ca.vertcat(self.model.q, self.model.v), ca.vertcat(seen.q, seen.v))
-                out.append(self._rigid_drive_torque(j, v[k], a[k], torque[k]) + full * back)
+                push = self._rigid_drive_torque(j, v[k], a[k], torque[k], self._dry_friction(j, v[k]))
+                out.append(push + full * back)
                 continue
             theta = p["ratio"] * (
                 q[k]
@@ -180,19 +238,20 @@ class ControlLoop:
             out.append(torque[k] / p["ratio"] + p["motor_inertia"] * (p["ratio"] * a[k] + back) - seen.disturbance[k])
         return ca.vertcat(*out)
 
-    def _rigid_drive_torque(self, j: int, v: Any, a: Any, torque: Any) -> Any:
+    def _rigid_drive_torque(self, j: int, v: Any, a: Any, torque: Any, dry: Any) -> Any:
         p = self.model.joint_parameters(j)
-        omega = p["ratio"] * v
-        friction = p["viscous_friction"] * omega + p["coulomb_friction"] * ca.tanh(omega / p["friction_smoothing"])
+        friction = p["viscous_friction"] * (p["ratio"] * v) + dry
         return torque / p["ratio"] + p["motor_inertia"] * p["ratio"] * a + friction
+
+    def _dry_friction(self, j: int, v: Any) -> Any:
+        """Dry friction of the model, N m at the motor."""
+        p = self.model.joint_parameters(j)
+        return p["coulomb_friction"] * ca.tanh(p["ratio"] * v / p["friction_smoothing"])
 
     def arm_terms(self, q: Any, v: Any) -> tuple[Any, Any, Any, Any]:
         """Mass matrix of the links, C v + g, J, and dJ/dt v, at q and v."""
-        chain, p = self.model.chain, self.model.chain_parameters()
-        qs, vs = SX.sym("q", self.model.n), SX.sym("v", self.model.n)
-        J = chain.tip_jacobian(qs, p)
-        parts = [chain.mass_matrix(qs, p), chain.bias_torque(qs, vs, p), J, ca.jtimes(J @ vs, qs, vs)]
-        mass, bias, jacobian, turn = ca.substitute(parts, [qs, vs], [q, v])
+        symbols, parts = _write_arm_terms(self.model)
+        mass, bias, jacobian, turn = ca.substitute(parts, symbols, [q, v])
         return mass, bias, jacobian, turn
 
     def make_law(self, c: Any, torque: Any, memory: list[Any], started: list[Any]) -> Law:

@@ -52,7 +52,7 @@ class ChainLink:
         kind: "revolute" or "prismatic".
         rotation: Components in the frame before of a vector given in the joint's, at q = 0.
         origin: The joint in the frame before, m.
-        mass: Name of the link's mass, kg.
+        mass: The link's mass, kg.
         center_of_mass: In the frame that the robot file states, from the joint, m.
         inertia: About the centre of mass in that frame (xx, yy, zz, xy, xz, yz), kg m².
         turn: Components in the joint's frame of a vector given in the stated one.
@@ -62,7 +62,7 @@ class ChainLink:
     kind: str
     rotation: Matrix
     origin: tuple[Entry, Entry, Entry]
-    mass: str
+    mass: Entry
     center_of_mass: tuple[Entry, Entry, Entry]
     inertia: tuple[Entry, Entry, Entry, Entry, Entry, Entry]
     turn: Matrix = IDENTITY
@@ -172,7 +172,8 @@ class KinematicChain:
         """Find the links about their joints' origins.
 
         Args:
-            p: The parameters by name; ``tip_mass`` (kg, optional) is a point at the tip.
+            p: The parameters by name; ``tip_mass`` (kg, optional) is a point at the tip, or at ``tip_mass_center`` (m)
+                in the tip's frame.
 
         Returns:
             The links, base first.
@@ -183,8 +184,11 @@ class KinematicChain:
             own = tuple(_find_value(entry, p) for entry in link.inertia)
             about_center = Body(0, NO_VECTOR, rotate_inertia(link.turn, own))
             center = multiply_matrix(link.turn, _find_vector(link.center_of_mass, p))
-            bodies.append(about_center.add_mass(p[link.mass], center))
-        bodies[-1] = bodies[-1].add_mass(p.get("tip_mass", 0), self.tip_offset(p))
+            bodies.append(about_center.add_mass(_find_value(link.mass, p), center))
+        place = self.tip_offset(p)
+        if "tip_mass_center" in p:
+            place = add_vectors(place, multiply_matrix(self.tip.rotation, p["tip_mass_center"]))
+        bodies[-1] = bodies[-1].add_mass(p.get("tip_mass", 0), place)
         return bodies
 
     # -- frames -----------------------------------------------------------------------------------------------------

@@ -10,6 +10,8 @@ import casadi as ca
 from gen.effects.effect import Port, Signals
 from gen.model import harmonic_drive
 from gen.model.arm_model import Model
+from gen.model.arm_motion import ArmMotion
+from gen.model.carried_rotors import CarriedRotor
 from gen.model.drive_equations import DriveOutputs, keep_friction_positive
 from gen.model.emitted_function import EmittedFunction, make_dense_function
 
@@ -131,7 +133,7 @@ def emit_dynamics(model: Model, c: Any) -> list[EmittedFunction]:
     x, u = model.x, model.u
     qs, vs = SX.sym("q", n), SX.sym("v", n)
     drives = {j: model.drive_outputs(j, model.joint_parameters(j)) for j in model.joints}
-    kinetic, potential = _arm_energy(model, drives)
+    kinetic, potential = arm_energy(model, drives)
     xc, qvc = {"x": x, "c": c}, {"q": qs, "v": vs, "c": c}
     force = SX.sym("tip_force", model.wrench.numel())
     torque = chain.newton_euler(qs, vs, a, p, chain.gravity(p), ca.vertsplit(force))
@@ -177,6 +179,7 @@ def _sum_effects(model: Model, port: Port, j: int, signals: Signals) -> Any:
 
 def _motor_torque(model: Model, q: Any, v: Any, a: Any, joint_torque: Any) -> Any:
     """Torque at each motor when θ = N q: J_m N a + viscous + dry friction − other motor effects + τ/N (n)."""
+    rotors = model.find_rotors(model.chain, model.chain.sines_and_cosines(q), ca.vertsplit(v))
     out = []
     for j in model.joints:
         p = model.joint_parameters(j)
@@ -196,35 +199,52 @@ def _motor_torque(model: Model, q: Any, v: Any, a: Any, joint_torque: Any) -> An
         level = keep_friction_positive(level, model.effects_at(Port.FRICTION, j))
         other = _sum_effects(model, Port.MOTOR, j, replace(signals, friction_level=level))
         link = _sum_effects(model, Port.LINK, j, signals)
-        own = p["motor_inertia"] * (p["ratio"] * a[j - 1] + model.carried_motion(j, p, a))
+        own = p["motor_inertia"] * _rotor_acceleration(p["ratio"] * a[j - 1], rotors.get(j), a)
         out.append(own + level * direction - other + (joint_torque[j - 1] - link) / p["ratio"])
     torque = ca.vertcat(*out)
-    for j in model.joints:  # the rotor of a later joint pulls on the links that carry it
+    for j, rotor in rotors.items():  # the rotor of a later joint pulls on the links that carry it
         p = model.joint_parameters(j)
-        reaction = model.rotor_reaction(j, p)
-        if reaction is not None:
-            push = p["motor_inertia"] * (p["ratio"] * a[j - 1] + model.carried_motion(j, p, a))
-            torque = torque + ca.vertcat(
-                *(reaction[k - 1] * push / model.joint_parameters(k)["ratio"] for k in model.joints)
-            )
+        push = p["motor_inertia"] * _rotor_acceleration(p["ratio"] * a[j - 1], rotor, a)
+        spin = p["motor_inertia"] * (p["ratio"] * v[j - 1] + rotor.find_turn(v))
+        pulls = [rotor.row[k] * push + rotor.twist[k] * spin for k in range(model.n)]
+        torque = torque + ca.vertcat(*(pull / model.joint_parameters(k)["ratio"] for k, pull in enumerate(pulls, 1)))
     return torque
 
 
-def _arm_energy(model: Model, drives: dict[int, DriveOutputs]) -> tuple[Any, Any]:
-    q, v, p = model.q, model.v, model.chain_parameters()
-    kinetic = v.T @ model.total_mass_matrix() @ v / 2
+def _rotor_acceleration(own: Any, rotor: CarriedRotor | None, accelerations: Any) -> Any:
+    """The acceleration of a rotor about its axis: its own, and that which its link gives it."""
+    if rotor is None:
+        return own + 0
+    return own + rotor.find_acceleration(accelerations)
+
+
+def arm_energy(model: Model, drives: dict[int, DriveOutputs]) -> tuple[Any, Any]:
+    """Write the energy of links, rotors, springs and of a base that turns.
+
+    Args:
+        model: The model.
+        drives: The drive of each joint by its number.
+
+    Returns:
+        Kinetic and potential energy, J.
+
+    """
+    motion, p = ArmMotion(model), model.chain_parameters()
+    kinetic = motion.v.T @ motion.mass_matrix() @ motion.v / 2
     potential = SX(0)
     for j in model.flexible:
-        own = model.joint_parameters(j)
-        speed = model.state_symbol(f"motor_velocity_{j}") + model.carried_motion(j, own, v)
+        own, speed = model.joint_parameters(j), motion.rotor_speed(j)
         kinetic = kinetic + own["motor_inertia"] * speed * speed / 2
         potential = potential + own["stiffness_level"] * harmonic_drive.spring_energy(
             drives[j].spring_torque, harmonic_drive.spring_constants(own)
         )
-    moments = model.chain.mass_moments(q, p)
-    for link in range(model.n):
-        for axis, field in enumerate(model.chain.gravity(p)):
+    moments = motion.chain.mass_moments(motion.q, p)
+    for link in range(motion.first, motion.chain.n):
+        for axis, field in enumerate(motion.chain.gravity(p)):
             potential = potential - field * moments[link, axis]
+    if motion.base is not None:
+        moving, stored = motion.base.find_energy()
+        kinetic, potential = kinetic + moving, potential + stored
     return kinetic, potential
 
 
@@ -274,7 +294,7 @@ def _encoder_outputs(model: Model, drives: dict[int, DriveOutputs]) -> tuple[Any
     angle, rate = encoder_readings(model, model.q, model.v, a)
     if not ca.depends_on(ca.vertcat(angle, rate), a):
         return angle, rate
-    rate_of_x, _ = model.equations_of_motion(drives)
+    rate_of_x, _ = ArmMotion(model).equations_of_motion(drives)
     first = [s.name for s in model.x_slots].index("joint_velocity_1")
     angle, rate = ca.substitute([angle, rate], [a], [rate_of_x[first : first + model.n]])
     return angle, rate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,9 +10,9 @@ from gen.effects.effect import Effect, Parameter, State
 from gen.effects.file_numbers import FILE_NUMBERS, USUAL_ERROR
 from gen.model.harmonic_drive import SPRING_SPREAD
 from gen.robot import typical_loads
-from gen.robot.description import Robot, Value
+from gen.robot.description import Robot, SpatialLink, Value
 from gen.robot.gear_catalogue import SPRING_KEYS
-from gen.robot.model_parameters import AXES, ParameterValue, list_parameters
+from gen.robot.model_parameters import AXES, SPACE_ENTRIES, ParameterValue, list_parameters
 from gen.robot.schema import keys_of
 
 FILE_NUMBER_NAMES = frozenset(number.name for number in FILE_NUMBERS)
@@ -162,8 +163,9 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
         low = max(min(low, value.nominal), value.nominal / SPRING_SPREAD)
         high = min(max(high, value.nominal), value.nominal * SPRING_SPREAD)
     name, typical, everywhere, is_guess = None, None, None, False
-    if key in FILE_NUMBER_NAMES and (stated := value.nominal + value.offset):  # wrong by a factor, which 0 has not
-        name, typical, everywhere, is_guess = key, USUAL_ERROR * abs(stated), 0.0, True
+    number, size = _find_file_number(robot, value, key)
+    if number is not None and size:  # wrong by a factor, which 0 has not
+        name, typical, everywhere, is_guess = number, USUAL_ERROR * size, 0.0, True
     elif key in amplitude_of:
         effect = amplitude_of[key]
         is_guess = key in effect.guessed_keys
@@ -184,6 +186,23 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
         is_guess=is_guess,
         offset=value.offset,
     )
+
+
+def _find_file_number(robot: Robot, value: ParameterValue, key: str) -> tuple[str | None, float]:
+    """The number of the robot file that a parameter is, or is an entry of, and its size; None where it is none.
+
+    The size of a centre of mass in space is its distance from the joint's frame, that of an inertia the mean of its
+    moments: an entry of them that is 0 may be wrong as much as the others.
+    """
+    if key in FILE_NUMBER_NAMES:
+        return key, abs(value.nominal + value.offset)
+    name, _, entry = key.rpartition("_")
+    if entry not in SPACE_ENTRIES.get(name, ()):
+        return None, 0.0
+    link = robot.joints[value.joint - 1].link
+    assert isinstance(link, SpatialLink)
+    entries = [one.nominal for one in getattr(link, name)]
+    return name, math.hypot(*entries) if name == "center_of_mass" else sum(entries[:3]) / 3
 
 
 def _is_left_out(robot: Robot, parameter: Parameter, j: int) -> bool:

@@ -11,9 +11,9 @@ import casadi as ca
 from gen.effects.effect import Port
 from gen.model import harmonic_drive, input_effects, mechanics
 from gen.model.arm_model import Model
+from gen.model.arm_motion import ArmMotion
 from gen.model.drive_equations import DriveOutputs
 from gen.model.emitted_function import EmittedFunction, make_dense_function
-from gen.model.symmetric_matrices import invert_symmetric
 
 SX = ca.SX
 DRIVE_PORTS = {  # ports whose effects stand in the graph of one drive
@@ -153,8 +153,9 @@ def assemble_graphs(model: Model) -> Graphs:
     D = {j: _lane_symbols(model, lane, j) for lane in lanes for j in lane.joints}
     trig = _joint_trig(model, D)
     sliding = SX.sym("sliding", model.n)
-    smooth_rate, _ = model.equations_of_motion({j: d for j, (d, _, _) in D.items()}, None, trig)
-    exact_rate, hold = model.equations_of_motion({j: d for j, (d, _, _) in D.items()}, sliding, trig)
+    motion, drives = ArmMotion(model, trig), {j: d for j, (d, _, _) in D.items()}
+    smooth_rate, _ = motion.equations_of_motion(drives)
+    exact_rate, hold = motion.equations_of_motion(drives, sliding)
     smooth_rate, exact_rate, hold = constants.hoist([smooth_rate, exact_rate, hold])
     jacobians = constants.hoist(_rate_jacobians(model))
     c = constants.c
@@ -236,7 +237,7 @@ def _state_names(model: Model, j: int) -> list[str]:
     names = [f"motor_position_{j}", f"joint_position_{j}", f"motor_velocity_{j}", f"joint_velocity_{j}"]
     if j in model.rigid:
         names = names[1::2]
-    return names + [f"{s.name}_{j}" for _, s, k in model.effect_states if k == j]
+    return names + [f"{s.name}_{j}" for _, s, k in model.drive_states if k == j]
 
 
 def _lane_outputs(model: Model, j: int, d: DriveOutputs) -> tuple[list[Any], list[Any]]:
@@ -340,16 +341,16 @@ def _rate_jacobians(model: Model) -> list[Any]:
     """
     spring = {j: SX.sym(f"spring_{j}") for j in model.flexible}
     drives = {j: model.drive_outputs(j, model.joint_parameters(j), spring_torque=spring.get(j)) for j in model.joints}
-    a = SX.sym("a", model.n)
-    load, rate = model.unbalanced_load(drives, a), model.state_rate(drives, a, [1] * model.n)
-    inverse = invert_symmetric(model.total_mass_matrix())
+    motion = ArmMotion(model)
+    a, places = motion.name_accelerations()
+    load, rate = motion.unbalanced_load(drives, a), motion.state_rate(drives, a, [1] * model.n)
     law = {j: harmonic_drive.spring_constants(model.joint_parameters(j)) for j in model.flexible}
     torques = [
         harmonic_drive.spring_torque(drives[j].effective_torsion, law[j], model.inverse_symbols[j], model.plan)
         for j in model.flexible
     ]
-    first = [s.name for s in model.x_slots].index("joint_velocity_1")
-    accelerations = model.equations_of_motion(drives)[0][first : first + model.n]
+    accelerations = motion.equations_of_motion(drives)[0][places]
+    by_unknown = ca.jacobian(rate, a) @ motion.invert_residual()
     out = []
     for w in (model.x, model.u, model.p):
         by_load, by_rate = ca.jacobian(load, w), ca.jacobian(rate, w)
@@ -360,7 +361,7 @@ def _rate_jacobians(model: Model) -> list[Any]:
             by_load, by_rate = (
                 by + ca.jacobian(of, spring[j]) @ slack for by, of in ((by_load, load), (by_rate, rate))
             )
-        total = by_rate + ca.jacobian(rate, a) @ (inverse @ by_load)
+        total = by_rate + by_unknown @ by_load  # most parameters stand in one torque: a column of the product each
         total = ca.substitute(total, a, accelerations)
         if spring:
             total = ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*torques))
@@ -372,7 +373,7 @@ def _stiffness_rate(model: Model) -> Any:
     drives = {j: model.drive_outputs(j, model.joint_parameters(j)) for j in model.joints}
     fastest = SX(0)
     for j in model.joints:
-        own = [s for _, s, k in model.effect_states if k == j]
+        own = [s for _, s, k in model.drive_states if k == j]
         for s, rate in zip(own, drives[j].rates, strict=True):
             if s.is_stiff:
                 fastest = ca.fmax(fastest, ca.fabs(ca.jacobian(rate, model.state_symbol(f"{s.name}_{j}"))))

@@ -14,10 +14,10 @@ def solve_symmetric(M: Any, b: Any) -> Any:
 
     Args:
         M: Symmetric positive definite matrix (n × n).
-        b: Right-hand side (n).
+        b: Right-hand sides (n × k).
 
     Returns:
-        The solution a (n).
+        The solutions a (n × k).
 
     """
     n = M.shape[0]
@@ -26,13 +26,16 @@ def solve_symmetric(M: Any, b: Any) -> Any:
         D[j] = M[j, j] - sum(L[j, k] * L[j, k] * D[k] for k in range(j))
         for i in range(j + 1, n):
             L[i, j] = (M[i, j] - sum(L[i, k] * L[j, k] * D[k] for k in range(j))) / D[j]
-    y: list[Any] = []
-    for i in range(n):
-        y.append(b[i] - sum(L[i, k] * y[k] for k in range(i)))
-    a: list[Any] = [None] * n
-    for i in reversed(range(n)):
-        a[i] = y[i] / D[i] - sum(L[k, i] * a[k] for k in range(i + 1, n))
-    return ca.vertcat(*a)
+    columns = []
+    for column in range(b.shape[1]):
+        y: list[Any] = []
+        for i in range(n):
+            y.append(b[i, column] - sum(L[i, k] * y[k] for k in range(i)))
+        a: list[Any] = [None] * n
+        for i in reversed(range(n)):
+            a[i] = y[i] / D[i] - sum(L[k, i] * a[k] for k in range(i + 1, n))
+        columns.append(ca.vertcat(*a))
+    return ca.horzcat(*columns)
 
 
 def invert_symmetric(M: Any) -> Any:
@@ -46,6 +49,6 @@ def invert_symmetric(M: Any) -> Any:
 
     """
     n = M.shape[0]
-    columns = ca.horzcat(*(solve_symmetric(M, SX.eye(n)[:, k]) for k in range(n)))
+    columns = solve_symmetric(M, SX.eye(n))
     upper = [[columns[min(i, k), max(i, k)] for k in range(n)] for i in range(n)]
     return ca.vertcat(*(ca.horzcat(*row) for row in upper))

@@ -19,6 +19,7 @@ import casadi as ca
 
 from gen.model import harmonic_drive
 from gen.model.arm_model import Model
+from gen.model.arm_motion import ArmMotion
 from gen.model.emitted_function import make_dense_function
 from gen.model.right_hand_side import hoist_constants
 from gen.mpc.problem_structure import Structure
@@ -130,7 +131,7 @@ def _velocity_rates(
     x, T, F, d, smoothing, full = symbols
     spring = {j: SX.sym(f"spring_{j}") for j in model.flexible}
     drives = {j: model.drive_outputs(j, model.joint_parameters(j), spring_torque=spring.get(j)) for j in model.joints}
-    rate, _ = model.equations_of_motion(drives)
+    rate, _ = ArmMotion(model).equations_of_motion(drives)
     law = {j: harmonic_drive.spring_constants(model.joint_parameters(j)) for j in model.flexible}
     inputs = []
     for j in model.joints:

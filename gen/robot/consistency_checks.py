@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from keyword import iskeyword
 from typing import Any
 
@@ -261,6 +261,7 @@ def _check_drive(values: Values, place: str, reading: RobotFileReader) -> None:
 def check_effects(
     table: Mapping[str, Any],
     joints: list[dict[str, Values]],
+    gravity: Sequence[Value],
     known: tuple[Effect, ...] | None,
     reading: RobotFileReader,
 ) -> list[StatedEffect]:
@@ -269,6 +270,7 @@ def check_effects(
     Args:
         table: The parsed file.
         joints: The values of each joint (`joints`).
+        gravity: Its components.
         known: The effects possible; None for all of `gen.effects`.
         reading: Collects the problems.
 
@@ -286,7 +288,8 @@ def check_effects(
         from gen.effects import ALL  # here, for it brings casadi
 
         known = ALL
-    by_name = {effect.name: effect for effect in known or ()}
+    in_space = space_checks.uses_long_form(table)
+    by_name = {effect.name: effect.choose_form(in_space) for effect in known or ()}
     found = [_check_effect(one, f"effect[{number}]", joints, by_name, reading) for number, one in enumerate(raw, 1)]
     first: dict[tuple[str, int], int] = {}
     for number, stated in enumerate(found, 1):
@@ -294,6 +297,10 @@ def check_effects(
             twice = f"found {stated.name} at joint {stated.joint} again, possible is once"
             reading.add_problem(
                 f"effect[{number}]", f"{twice}; remove it or effect[{first[stated.name, stated.joint]}]"
+            )
+        if stated and by_name[stated.name].needs_gravity and not any(part.nominal for part in gravity):
+            reading.add_problem(
+                f"effect[{number}]", f"found {stated.name} without gravity, which it turns; remove it or state gravity"
             )
     return [stated for stated in found if stated]
 
@@ -352,10 +359,6 @@ def _check_effect_joint(
         reading.add_problem(
             key_path(place, "joint"), f"found {joint}, possible for {effect.name} is {possible}{which}; correct it"
         )
-    elif not effect.suits_joint_in_space and joints and "origin" in joints[0]["joint"]:
-        where = f"joint {joint}" if joint else "the arm"
-        has = f"found {joint}, {where}, which moves in space, possible for {effect.name} is a chain in the plane"
-        reading.add_problem(key_path(place, "joint"), f"{has}; remove the effect")
     elif joint:
         _check_effect_drive(effect, joint, joints[joint - 1], key_path(place, "joint"), reading)
 

@@ -34,12 +34,11 @@ def build_json_schema() -> JsonSchema:
     top["properties"]["name"] |= {"minLength": 1, "maxLength": LONGEST_NAME}
     joints = {"type": "array", "minItems": 1, "maxItems": MAX_JOINTS}
     forms = [joints | {"items": _build_joint()}, joints | {"items": _build_joint_in_space()}]
-    effects = {"type": "array", "items": {"anyOf": [_build_effect(effect) for effect in ALL]}}
-    top["properties"] |= {"joint": joints, "effect": effects, "tip": _build_table("tip")}
+    top["properties"] |= {"joint": joints, "effect": {"type": "array"}, "tip": _build_table("tip")}
     top["required"].append("joint")
-    flat = {"properties": {"joint": forms[0], "tip": False, "gravity": {"maxItems": 2}}}
-    deep = {"properties": {"joint": forms[1], "gravity": {"minItems": 3}}}
-    return {"$schema": DIALECT, "title": "robot.toml", **top, "anyOf": [flat, deep]}
+    flat = {"joint": forms[0], "tip": False, "gravity": {"maxItems": 2}, "effect": _build_effects(in_space=False)}
+    deep = {"joint": forms[1], "gravity": {"minItems": 3}, "effect": _build_effects(in_space=True)}
+    return {"$schema": DIALECT, "title": "robot.toml", **top, "anyOf": [{"properties": flat}, {"properties": deep}]}
 
 
 def _build_table(name: str) -> JsonSchema:
@@ -102,6 +101,11 @@ def _build_drive() -> JsonSchema:
 def _forbid(names: list[str]) -> JsonSchema:
     """None of these keys may be there."""
     return {"properties": dict.fromkeys(names, False)}
+
+
+def _build_effects(in_space: bool) -> JsonSchema:
+    """The schema of all [[effect]] of a chain in the plane or in space."""
+    return {"type": "array", "items": {"anyOf": [_build_effect(effect.choose_form(in_space)) for effect in ALL]}}
 
 
 def _build_effect(effect: Effect) -> JsonSchema:

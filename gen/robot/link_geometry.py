@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from gen.robot.description import Joint, PlanarLink, Robot
 
 Array = NDArray[np.float64]
+AXES = ("x", "y", "z")
+STEEP = 0.8  # cosine of the angle to upright of an axis that is too steep to be level
 ROUNDING = 1e-15  # of an entry of a product of rotations
 
 
@@ -82,6 +84,27 @@ def find_tip_offset(robot: Robot) -> Array:
         return np.array(robot.tip.origin)
     assert isinstance(link, PlanarLink)
     return np.array([link.length.nominal, 0.0, 0.0])
+
+
+def find_level_axes(robot: Robot) -> tuple[Array, Array]:
+    """Find two level directions of the base frame, across gravity and each other.
+
+    Args:
+        robot: The robot description.
+
+    Returns:
+        The level part of x, or of y where x is within 37° of upright, and the direction across it to its left, seen
+        from above ((3) each, unit vectors). Without gravity or in the plane, x and y.
+
+    """
+    parts = np.array([part.nominal for part in robot.gravity])
+    if len(parts) < len(AXES) or not parts.any():
+        return np.eye(3)[0], np.eye(3)[1]
+    up = -parts / np.linalg.norm(parts)
+    start = np.eye(3)[int(abs(up[0]) > STEEP)]
+    first = start - up * (up @ start)
+    first = first / np.linalg.norm(first)
+    return first, np.cross(up, first)
 
 
 def make_rotation(quaternion: tuple[float, ...]) -> Array:

@@ -105,7 +105,7 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
     reading = RobotFileReader(label)
     top = consistency_checks.check_top(table, reading)
     stated = consistency_checks.check_joints(table, reading)
-    present = consistency_checks.check_effects(table, stated, effects, reading)
+    present = consistency_checks.check_effects(table, stated, top.get("gravity", ()), effects, reading)
     tip = None
     if space_checks.uses_long_form(table):
         tip = space_checks.read_tip(table, reading)

@@ -56,7 +56,8 @@ def usual_size(robot: Robot, j: int, key: str) -> float:
     Args:
         robot: The robot description.
         j: The joint's number from 1.
-        key: The key, or "largest_input" for `largest_input`.
+        key: The key, "largest_input" for `largest_input`, or "carried_inertia" for the inertia about the joint of
+            all links from it on, stretched, kg m².
 
     Returns:
         The size of the nominal value, in its unit. Where that is 0, usual friction, or the key's width.
@@ -66,6 +67,8 @@ def usual_size(robot: Robot, j: int, key: str) -> float:
     value = getattr(drive, key, None)
     if key == "largest_input":
         return largest_input(robot, j)
+    if key == "carried_inertia":
+        return _stretch_arm(robot, j)[1]
     if value is not None and value.nominal:
         return float(abs(value.nominal))
     if key == "coulomb_friction":
@@ -96,15 +99,22 @@ def lifting_torque(robot: Robot, j: int) -> float:
 
     """
     g = math.hypot(*(part.nominal for part in robot.gravity))
-    slides, drive = robot.joints[j - 1].kind == "prismatic", robot.joints[j - 1].drive
-    weight, inertia, reach = 0.0, drive.ratio.nominal**2 * drive.motor_inertia.nominal, 0.0
+    drive = robot.joints[j - 1].drive
+    moment, links_inertia = _stretch_arm(robot, j)
+    inertia = drive.ratio.nominal**2 * drive.motor_inertia.nominal + links_inertia
+    return (moment * g + SWIFT_ACCELERATION * inertia) / drive.ratio.nominal
+
+
+def _stretch_arm(robot: Robot, j: int) -> tuple[float, float]:
+    """First moment, kg m, and inertia, kg m², about a joint of all links from it on, stretched; kg where it slides."""
+    moment, inertia, reach = 0.0, 0.0, 0.0
     links = list_link_geometry(robot.joints)
     for k, link in enumerate(links[j - 1 :]):
         if k:
             reach += math.hypot(*link.origin)
         arm, own_inertia = reach + math.hypot(*link.center_of_mass), max(float(np.max(link.inertia)), 0.0)
-        if slides:
+        if robot.joints[j - 1].kind == "prismatic":
             arm, own_inertia = 1.0, 0.0
-        weight += link.mass * g * arm
+        moment += link.mass * arm
         inertia += link.mass * arm**2 + own_inertia
-    return (weight + SWIFT_ACCELERATION * inertia) / drive.ratio.nominal
+    return moment, inertia

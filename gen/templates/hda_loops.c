@@ -169,7 +169,7 @@ static void start_memory(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], 
                          const double *known) {
     double m[2 * HDA_N + HDA_WRENCH], state[HDA_MEMORY_MOST] = {0.0};
     for (int lane = 0; lane < WIDTH; lane++) {
-        for (int i = 0; i < 2 * HDA_N + 2; i++) m[i] = measured[i][lane];
+        for (int i = 0; i < 2 * HDA_N + HDA_WRENCH; i++) m[i] = measured[i][lane];
         starters[loops->law](m, reference, known, state);
         for (int i = 0; i < HDA_MEMORY_MOST; i++) loops->state[i][lane] = state[i];
     }

@@ -46,6 +46,7 @@ def _table(name: str) -> JsonSchema:
 OPTIONAL = {  # keys that a document may lack, each with its table
     ("diagnosis", "settings"),
     ("diagnosis", "joints"),
+    ("diagnosis", "not_tried"),
     ("diagnosis", "tried"),
     ("estimate", "prior"),
     ("estimate", "file"),
@@ -82,8 +83,13 @@ TABLES: dict[str, tuple[Field, ...]] = {
         ("method", _table("method"), "state of the fit"),
         ("robot", _table("robot"), "the robot that was diagnosed"),
         ("data", _table("data"), "logs, repairs and channels"),
+        ("not_tried", _list(_table("untried_part")), "parts that were left out because the time was up"),
         ("settings", {"type": "object"}, "the tuned numbers that the diagnosis used"),
         ("joints", _list(_or_null(TEXT)), "name of each joint; null where the robot file gives none"),
+    ),
+    "untried_part": (
+        ("part", TEXT, "the part of the search, or the stage"),
+        ("effects", _list(EFFECT), "the effects that it was left out for; empty where it is for none"),
     ),
     "location": (
         ("joint", COUNT, "0 for the whole arm"),

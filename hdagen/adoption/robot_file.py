@@ -14,6 +14,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AoT, InlineTable, Table
 
+from hdagen.arm.arm_parameters import VECTOR_ENTRIES
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 
@@ -35,16 +36,17 @@ LUMPED_KEYS = ("mass", "center_of_mass", "inertia")  # of a link; a lumped inert
 
 @dataclass(frozen=True)
 class NumberPlace:
-    """Where a number stands: ``table`` is top, gravity, joint, drive, or the name of an effect; joint 0 is the whole
-    arm."""
+    """Where a number stands: ``table`` is top, joint, drive, or the name of an effect; joint 0 is the whole arm;
+    ``entry`` is its place in a list of numbers."""
 
     table: str
     joint: int
     key: str
+    entry: int | None = None
 
     def __str__(self) -> str:
-        if self.table == "gravity":
-            return f"gravity[{self.key}]"
+        if self.entry is not None:
+            return f"{NumberPlace(self.table, self.joint, self.key)}[{self.entry}]"
         if self.table == "top":
             return self.key
         if self.table == "joint":
@@ -99,12 +101,15 @@ class RobotFile:
         joint, key = self._quantities[name]["joint"], name
         if joint:
             key = name.removesuffix(f"_{joint}")
-        if key in ("gravity_x", "gravity_y") and not joint:
-            return NumberPlace("gravity", 0, "01"["xy".index(key[-1])])
+        vector, _, entry = key.rpartition("_")
+        if vector == "gravity" and not joint:
+            return NumberPlace("top", 0, vector, VECTOR_ENTRIES[vector].index(entry))
         if joint and key in self._robot["joints"][joint - 1]["drive"]:
             return NumberPlace("drive", joint, key)
         if joint and key in self._robot["joints"][joint - 1]:
             return NumberPlace("joint", joint, key)
+        if joint and entry in VECTOR_ENTRIES.get(vector, ()):
+            return NumberPlace("joint", joint, vector, VECTOR_ENTRIES[vector].index(entry))
         stated = (e["name"] for e in self._robot["effects"] if e["joint"] == joint and key in e["parameters"])
         owner = next(stated, None) or self._quantities[name].get("effect") or effect
         if owner is None:
@@ -122,7 +127,7 @@ class RobotFile:
 
         """
         stated = ((effect["name"], effect["joint"]) for effect in self._robot["effects"])
-        return place.table in ("top", "gravity", "joint", "drive") or (place.table, place.joint) in stated
+        return place.table in ("top", "joint", "drive") or (place.table, place.joint) in stated
 
     def set_number(self, place: NumberPlace, value: float, unit: str = "", share: float = 0.0) -> None:
         """Change or add a number.
@@ -135,9 +140,10 @@ class RobotFile:
                 is above the file's tolerance.
 
         """
-        if place.table == "gravity":
-            entry = self._document["gravity"]
-            _set_in_table(entry, int(place.key), value)
+        if place.entry is not None:
+            table = self._find_joint_table(place.joint) if place.joint else self._document
+            numbers: Any = table[place.key]
+            _set_in_table(numbers["value"] if isinstance(numbers, Mapping) else numbers, place.entry, value)
         elif place.table == "top":
             self._set_top_key(place.key, value, unit)
         elif place.table in ("joint", "drive"):

@@ -23,9 +23,10 @@ from hdagen.adoption.diagnosis_file import is_finite, read_content
 from hdagen.adoption.robot_file import LUMPED_KEYS, SPRING_KEYS, NumberPlace, RobotFile
 from hdagen.adoption.rounding import read_conditional_deviations, round_parameters
 from hdagen.adoption.series_springs import fold_series_springs
-from hdagen.arm.build_loader import PlantError, find_stable_settings
+from hdagen.arm.build_loader import PlantError, find_build_folder, find_robot_file, find_stable_settings
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.arm.preset_files import find_preset_files
+from hdagen.model_import.model_file import is_model_file
 from hdagen.support.atomic_write import write_atomically
 from hdagen.support.input_file import InputFileError, read_bytes
 
@@ -71,7 +72,8 @@ def adopt(
 
     Args:
         diagnosis: A diagnosis.json, or its content.
-        robot: The robot.toml or the preset that was diagnosed.
+        robot: The robot.toml, the preset or the model that was diagnosed; of a model the imported robot file is
+            corrected.
         out: Where the new file goes; None: nothing is written.
         force: Whether a file that is there may be replaced.
         profile: Profile of the builds that are made, "portable" or "native".
@@ -86,6 +88,8 @@ def adopt(
     """
     label = Path(robot)
     path = find_preset_files().get(str(robot), label)
+    if is_model_file(path):
+        path = Path(find_robot_file(str(path), find_build_folder()))
     raw = _read_robot_file(path)
     if out is not None:
         label = Path(out)
@@ -156,8 +160,8 @@ def _make_candidate(
 
 def _restore_links(arm: Arm, wanted: Arm) -> Arm | None:
     """``wanted`` with masses, centres of mass and inertias of the robot file; None where it has them already."""
-    names = [f"{key}_{joint}" for joint in range(1, arm.n + 1) for key in LUMPED_KEYS]
-    stated = {name: arm.parameters[name] for name in names if name in arm.parameters}
+    links = tuple(f"{key}_" for key in LUMPED_KEYS)
+    stated = {name: arm.parameters[name] for name in arm.parameters if name.startswith(links)}
     if all(wanted.parameters[name] == value for name, value in stated.items()):
         return None
     kept = wanted.with_parameters(wanted.p)

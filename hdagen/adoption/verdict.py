@@ -12,9 +12,11 @@ from typing import Any, TypeGuard
 
 from hdagen.adoption.diagnosis_file import is_finite, read_content
 from hdagen.adoption.diagnosis_schema import FIRST_SCHEMA, SCHEMA, upgrade_content
+from hdagen.adoption.link_inertia import make_inertias_possible
 from hdagen.adoption.robot_identity import compute_robot_identity
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
+from hdagen.arm.joint_names import number_effect
 from hdagen.support.messages import show_path, show_value
 
 UNCHANGED_WIDTH_SHARE = 0.9  # posterior by prior width, from which on a log said nothing of a parameter
@@ -99,6 +101,8 @@ def read_verdict(given: str | Path | Mapping[str, Any]) -> Verdict:
             f"{source}, verdict: found {len(stated)} effects, possible are {_MOST_READ_EFFECTS}; diagnose again."
         )
         stated = []
+    if isinstance(names := content.get("joints"), list):
+        stated = [number_effect(entry, names) if isinstance(entry, str) else entry for entry in stated]
     effects, unknown = _read_effects(stated, causes, source, problems)
     base = _read_numbers(content.get("parameters", {}), f"{source}, parameters", "", problems)
     robot = _read_diagnosed_robot(content.get("robot"), source, problems)
@@ -136,13 +140,14 @@ def _read_effects(
     return effects, unknown
 
 
-def load_with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
+def load_with_effects(robot: str | Path, profile: str, verdict: Verdict, in_space: bool = False) -> Arm:
     """Load a robot with the verdict's effects in its model, at the parameters of the robot file.
 
     Args:
         robot: A preset or the path of a robot.toml.
         profile: Profile of the build, "portable" or "native".
         verdict: The verdict.
+        in_space: Whether the caller can do with an arm whose joints stand in space.
 
     Returns:
         The arm.
@@ -220,7 +225,9 @@ def apply_verdict(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
             notes.append(f"{name}: {value:.6g} {q.unit} is not within {span} and is taken as {values[name]:.6g}.")
     changed = arm.with_parameters(arm.p)
     changed.parameters.update(values)
-    return changed, notes
+    possible, said = make_inertias_possible(changed)
+    changed.parameters.update(possible)
+    return changed, [*notes, *said]
 
 
 def is_uninformed(moved: float, std: float, prior: float) -> bool:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hdagen.api.log_reading import ColumnSources, LogSource, read_log
-from hdagen.api.robot_loading import RobotSource, load_robot
-from hdagen.arm.compiled_arm import refuse_motion_in_space
+from hdagen.api.robot_loading import RobotSource, load_robot, name_joints
 from hdagen.data_quality.log_repair import repair_log
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
@@ -80,9 +79,8 @@ def check(robot: RobotSource, log: LogSource, *, columns: ColumnSources = None) 
         PlantError: The robot cannot be loaded.
 
     """
-    measured = read_log(log, columns=columns)
+    measured = read_log(log, columns=columns, joints=name_joints(robot))
     arm = load_robot(robot)
-    refuse_motion_in_space(arm)
     try:
         repaired, repairs, seen = repair_log(measured, arm)
     except LogError as error:

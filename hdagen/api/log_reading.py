@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ ColumnSources = str | Path | Mapping[str, Any] | None  # a columns.toml, or its 
 TABLE_NAME = "table"  # names a table in memory in sentences
 
 
-def read_log(source: LogSource, *, columns: ColumnSources = None) -> Log:
+def read_log(source: LogSource, *, columns: ColumnSources = None, joints: Sequence[str | None] = ()) -> Log:
     """Read a log from a file or from a table in memory.
 
     Missing values stay NaN: `hdagen.diagnose`, `hdagen.replay` and `hdagen.check` repair them or refuse the log.
@@ -28,6 +28,7 @@ def read_log(source: LogSource, *, columns: ColumnSources = None) -> Log:
         source: A .csv, .tsv, .txt, .parquet or .mat file, an Arrow table, a data frame of pandas or polars, or a dict
             of arrays (T,) by column name. A `Log` is returned as it is.
         columns: A columns.toml, or its tables as a dict, where names, units or signs are foreign.
+        joints: Names of the robot's joints, where the columns have them in place of numbers.
 
     Returns:
         The log, in SI.
@@ -39,18 +40,21 @@ def read_log(source: LogSource, *, columns: ColumnSources = None) -> Log:
     """
     if isinstance(source, Log):
         return source
-    mapping = _read_mapping(columns)
+    mapping = _read_mapping(columns, joints)
     if isinstance(source, str | Path):
         return read(source, mapping, holes=True)
     return build_log(convert_table(source, TABLE_NAME, mapping.needs_column), TABLE_NAME, mapping, holes=True)
 
 
-def read_logs(sources: LogSource | Iterable[LogSource], columns: ColumnSources = None) -> list[Log]:
+def read_logs(
+    sources: LogSource | Iterable[LogSource], columns: ColumnSources = None, joints: Sequence[str | None] = ()
+) -> list[Log]:
     """Read one log or several.
 
     Args:
         sources: One source of a log as `read_log` takes it, or several.
         columns: A columns.toml, or its tables as a dict, for each of them.
+        joints: Names of the robot's joints, where the columns have them in place of numbers.
 
     Returns:
         The logs.
@@ -69,13 +73,13 @@ def read_logs(sources: LogSource | Iterable[LogSource], columns: ColumnSources =
     for source in every:
         if isinstance(source, str | Path):
             check_log_file(Path(source))
-    return [read_log(source, columns=columns) for source in every]
+    return [read_log(source, columns=columns, joints=joints) for source in every]
 
 
-def _read_mapping(columns: ColumnSources) -> ColumnMap:
+def _read_mapping(columns: ColumnSources, joints: Sequence[str | None]) -> ColumnMap:
     """The map of columns that a columns.toml or its tables state. Raises ColumnsError."""
     if columns is None:
-        return ColumnMap({})
+        return ColumnMap({}, joints=tuple(joints))
     if isinstance(columns, Mapping):
-        return build_column_map(dict(columns), Path("columns"))
-    return read_column_map(columns)
+        return build_column_map(dict(columns), Path("columns"), joints)
+    return read_column_map(columns, joints)

@@ -11,7 +11,7 @@ import numpy as np
 
 from hdagen.adoption import verdict
 from hdagen.api.log_reading import ColumnSources, LogSource, read_log
-from hdagen.api.robot_loading import RobotSource, load_diagnosed_robot
+from hdagen.api.robot_loading import RobotSource, load_diagnosed_robot, name_joints
 from hdagen.data_quality.log_repair import repair_for_replay
 from hdagen.diagnosis.report.diagnosis_summary import DiagnosisSummary
 from hdagen.log.data_table import LogError
@@ -52,7 +52,7 @@ def replay(
     stated = None
     if diagnosis is not None:
         stated = verdict.read_verdict(get_content(diagnosis))
-    measured = read_log(log, columns=columns)
+    measured = read_log(log, columns=columns, joints=name_joints(robot))
     arm = load_diagnosed_robot(robot, stated)
     window_replay.check_log_fits_arm(arm, measured)
     _refuse_missing_values(measured)

@@ -14,7 +14,7 @@ def excite(
     robot: RobotSource,
     separate: Sequence[str] = (),
     *,
-    joint: int = 1,
+    joint: int | str = 1,
     duration: float = 10.0,
     period: float = 1e-3,
     limits: Mapping[str, tuple[float, ...]] | None = None,
@@ -25,7 +25,7 @@ def excite(
     Args:
         robot: A preset, the path of a robot.toml, or a robot that `hdagen.load_robot` loaded.
         separate: Names of effects of ``joint``, or name@joint; none: every pair of the joint's effects.
-        joint: Number of the joint, from 1.
+        joint: Number of the joint, from 1, or its name.
         duration: Length of the motion, s.
         period: Time from row to row, s.
         limits: Narrower limits than the robot file's: ``{"speed": (0.5,), "position_1": (-0.5, 0.5)}``.

@@ -8,7 +8,7 @@ from typing import Any
 
 from hdagen.adoption.diagnosis_file import read_content
 from hdagen.api.log_replay import DiagnosisSource, get_content
-from hdagen.api.robot_loading import RobotSource, find_robot_file
+from hdagen.api.robot_loading import RobotSource, find_robot_file, name_joints
 from hdagen.model_export.corrected_robot import load_corrected_robot
 from hdagen.model_export.export_formats import Exported, check_destination, write_export
 
@@ -40,7 +40,7 @@ def export(
         columns: Of a proof, the columns.toml of the log.
         force: Whether a file that is there may be replaced.
         profile: Profile of the build of the model, "portable" or "native".
-        options: What the format takes beside these (mjcf: ``into``, a model to correct; json: ``samples``).
+        options: What the format takes beside these (mjcf, urdf: ``into``, a model to correct; json: ``samples``).
 
     Returns:
         The files, the numbers that the verdict changed, what the format cannot hold, and the proof.
@@ -58,7 +58,11 @@ def export(
         from hdagen.model_export.mujoco_proof import read_proof_log
 
         options["prove"] = read_proof_log(
-            prove, content, Path(closed_loop) if closed_loop else None, Path(columns) if columns else None
+            prove,
+            content,
+            Path(closed_loop) if closed_loop else None,
+            Path(columns) if columns else None,
+            name_joints(robot),
         )
     options = {name: Path(value) if name == "into" and value else value for name, value in options.items()}
     corrected = load_corrected_robot(find_robot_file(robot), content, profile, tuple(joints))

@@ -8,7 +8,8 @@ import numpy as np
 
 from hdagen.adoption import verdict
 from hdagen.arm.build_loader import PlantError, StructuredController
-from hdagen.arm.compiled_arm import Arm, load, refuse_motion_in_space
+from hdagen.arm.compiled_arm import Arm, load
+from hdagen.arm.joint_names import list_joint_names, read_joint_names
 
 RobotSource = str | Path | Arm  # a preset, the path of a robot.toml, or an arm that was loaded from one of them
 
@@ -39,7 +40,7 @@ def load_robot(
     """
     if isinstance(robot, Arm):
         return robot
-    return load(robot, profile, effects, out, mpc, in_space=True)
+    return load(robot, profile, effects, out, mpc)
 
 
 def find_robot_file(robot: RobotSource) -> str | Path:
@@ -73,6 +74,24 @@ def find_robot_file(robot: RobotSource) -> str | Path:
     return robot.source
 
 
+def name_joints(robot: RobotSource) -> tuple[str | None, ...]:
+    """Name the joints of a robot.
+
+    Args:
+        robot: A preset, a path, or an arm.
+
+    Returns:
+        A name each, None where the robot file gives none; empty where there is no file to read.
+
+    Raises:
+        PlantError: A model cannot be imported.
+
+    """
+    if isinstance(robot, Arm):
+        return list_joint_names(robot)
+    return read_joint_names(robot)
+
+
 def load_diagnosed_robot(robot: RobotSource, stated: verdict.Verdict | None, profile: str = "portable") -> Arm:
     """Load a robot whose model has the effects of a verdict, at the parameters of the robot file.
 
@@ -89,7 +108,5 @@ def load_diagnosed_robot(robot: RobotSource, stated: verdict.Verdict | None, pro
 
     """
     if stated is None:
-        arm = load_robot(robot, profile=profile)
-        refuse_motion_in_space(arm)
-        return arm
+        return load_robot(robot, profile=profile)
     return verdict.load_with_effects(find_robot_file(robot), profile, stated)

@@ -20,6 +20,13 @@ class UnknownParameter(PlantError, KeyError):
     __str__ = Exception.__str__  # a KeyError would quote the sentence
 
 
+VECTOR_ENTRIES = {  # of the robot file's lists of numbers, as the model names them
+    "gravity": ("x", "y", "z"),
+    "center_of_mass": ("x", "y", "z"),
+    "inertia": ("xx", "yy", "zz", "xy", "xz", "yz"),
+}
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A parameter of the model.

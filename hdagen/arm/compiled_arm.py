@@ -27,10 +27,6 @@ __all__ = [
     "load",
 ]
 
-IN_SPACE = (
-    "its joints stand in space, where this works for arms in the plane alone; possible for it are hdagen check,"
-    " describe, build and simulate."
-)
 MOST_MEMORY_DECAYS = 2.0  # decays of a slowed memory in one step at most: RK4 is stable up to 2.78
 
 
@@ -269,27 +265,12 @@ class Arm(CompiledModel):
         return min(self._check_step(most), self.stability.longest_step(self.p), self._longest_memory_step)
 
 
-def refuse_motion_in_space(arm: CompiledModel) -> None:
-    """Refuse an arm whose joints stand in space, for callers that know the plane alone.
-
-    Args:
-        arm: The arm.
-
-    Raises:
-        PlantError: Its joints stand in space.
-
-    """
-    if arm.moves_in_space:
-        raise PlantError(f"{arm.robot['name']}: {IN_SPACE}")
-
-
 def load(
     robot: str | Path = "paper",
     profile: str = "portable",
     effects: tuple[str, ...] = (),
     out: str | Path | None = None,
     mpc: StructuredController | None = None,
-    in_space: bool = False,
 ) -> Arm:
     """Load the arm of a preset or a robot.toml; `Arm` loads the folder of a build.
 
@@ -301,17 +282,14 @@ def load(
         effects: Effects that are added to the model.
         out: The folder where builds lie; None: $HDAGEN_BUILD, else ./build if it exists, else the user's cache.
         mpc: A configuration of the predictive controller, which is then compiled into the library.
-        in_space: Whether the caller can do with an arm whose joints stand in space.
 
     Returns:
         The arm.
 
     Raises:
-        PlantError: The robot cannot be built or loaded, or moves in space where the caller cannot follow it.
+        PlantError: The robot cannot be built or loaded.
 
     """
     arm = Arm(find_or_build(robot, profile, effects, out, mpc))
     arm.source = robot
-    if not in_space:
-        refuse_motion_in_space(arm)
     return arm

@@ -68,6 +68,7 @@ class CompiledModel:
         self.input_names = tuple(s["name"] for s in self.manifest["input"])
         self.nx, self.nu = len(self.state_names), len(self.input_names)
         self.moves_in_space = "tip" in self.robot
+        self.dimensions = 3 if self.moves_in_space else 2  # of the tip's position
         self.step_size = float(self.robot["step"])
         self.effects = EffectCatalogue(self.manifest["catalogue"])
         self.has_input_stage = any(effect["place"] == "input" for effect in self.manifest["effects"])

@@ -22,6 +22,7 @@ from hdagen.arm.build_loader import PlantError, find_build_folder
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.arm.preset_files import find_preset_files
 from hdagen.bench.host_computer import describe_machine
+from hdagen.bench.simulator_race import list_simulator_runs
 from hdagen.control.guard_limits import Guard, Safe
 from hdagen.control.guarded_controller import Controller
 from hdagen.prediction.measurement_model import count_mechanical_states
@@ -119,6 +120,9 @@ def run_bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> 
     timings = [_summarize_contest(name, contest) for name, contest in raced.items()]
     timings += [_summarize_loop(name, values) for name, values in loops.items()]
     if robot != ROBOT:
+        stage("other simulators")
+        raced_too = _time_in_turns(list_simulator_runs(native), rounds)
+        timings += [_summarize_loop(name, values) for name, values in raced_too.items()]
         return BenchResult(tuple(timings), (), machine | _describe_build(native))
     stage("accuracy")
     accuracy = _measure_accuracy(rounds)

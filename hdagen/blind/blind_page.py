@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+import shlex
 from pathlib import Path
 
 import numpy as np
 
 from hdagen.blind.blind_report import Report, describe_host, figures_by_effect
 from hdagen.blind.confidence_intervals import finite_or_none
-from hdagen.blind.labels import FIGURE_LABELS, format_figure
-from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
+from hdagen.blind.labels import FIGURE_LABELS, describe_population, format_figure
+from hdagen.blind.realities.effect_places import EFFECT_PLACES
+from hdagen.blind.realities.population import DRIVETRAIN, FRICTION_KIND, JOINT, MAXWELL, MODEL
 from hdagen.blind.required_rates import Bar
 from hdagen.blind.score_summary import (
     accuracy_by_coverage,
@@ -25,27 +27,34 @@ from hdagen.pages import figure, page
 from hdagen.pages.number_table import TableCell
 from hdagen.support.version import __version__
 
-KIND_TITLES = {
-    "single": "one effect",
-    "background": "one effect over a background of every other",
-    "none": "no effect",
-    "unknown": "an effect outside the dictionary",
-    "unknown+one": "one effect beside another outside the dictionary",
-    "pair": "two effects",
-    "task": "one effect on a circle task",
-    "joint": "real joints' friction",
-}
 LEADING_FIGURES = {
     "none": "false_alarm",
     "unknown": "unknown_found_at_joint",
     "unknown+one": "both_said",
     "pair": "pair_f1",
-    "joint": "named",
+    "rough": "numbers_right",
+    FRICTION_KIND: "named",
 }
 ARMS_TEXT = (
     "MuJoCo moves rotors and links, with its own dry friction, walls and current filter; hand-coded drives join them. "
     "The robot file states other parameters than the true ones, by 4 % standard deviation, and none of the effects."
 )
+MAXWELL_TEXT = (
+    "Lagrange's equations and Moreau's midpoint rule move two-joint arms in steps of 20 µs; drives have Maxwell slip, "
+    "Dahl's hysteresis and set-valued friction, and a loop inside. Currents have coloured noise, stamps are off, and "
+    "rows are lost. The robot file states other parameters than the true ones, by 4 % standard deviation, and none of "
+    "the effects."
+)
+CHAIN_TEXT = (
+    "MuJoCo moves one to three joints under gravity, rigid or with springs, of which a log has angle and effort. "
+    "Efforts have coloured noise, stamps are off, and rows are lost. The robot file states other parameters than the "
+    "true ones, by 4 % standard deviation, and none of the effects."
+)
+MODEL_TEXT = (
+    "MuJoCo moves the links of a model in space, of which a log has angle and effort. The model states masses, centres "
+    "and inertias that differ from the true ones by 3 % standard deviation, and not the effect."
+)
+ROUGH_TEXT = " Some of its numbers are wrong by far more than that."
 JOINTS_TEXT = (
     "MuJoCo moves one or two rigid joints with dry friction, and beside it friction that grows with the speed, in most "
     "not quite linearly, and up to a tenth of it that has no name. The robot file states other parameters than the "
@@ -75,7 +84,7 @@ def write_page(path: Path, report: Report) -> None:
     if report.lines:
         sections.append(_parameters_section(report))
     sections.append(_cases_section(report))
-    title = f"Blind check: {KIND_TITLES[report.asked.kind]}"
+    title = f"Blind check: {describe_population(report.asked.population)}"
     page.write_page(path, title, summarize_check(report), sections, _describe_reproduction(report))
 
 
@@ -116,9 +125,12 @@ def _figures_section(report: Report) -> page.Section:
         caption="From and to: 95 % interval (Wilson's for shares, normal for means, order statistics for medians). A "
         "case without a diagnosis counts as wrong.",
     )
-    made = ARMS_TEXT
-    if report.asked.kind == "joint":
+    texts = {DRIVETRAIN: ARMS_TEXT, MAXWELL: MAXWELL_TEXT, JOINT: CHAIN_TEXT, MODEL: MODEL_TEXT}
+    made = texts[report.asked.population.family]
+    if report.asked.kind == FRICTION_KIND:
         made = JOINTS_TEXT
+    if report.asked.kind == "rough":
+        made += ROUGH_TEXT
     text = (
         f"Each case is a reality that another simulator made: {made} The labels were sealed by a hash before the first "
         "diagnosis; each diagnosis ran as a process of its own that had a robot file, a log and nothing else; the seal "
@@ -195,7 +207,7 @@ def _confusion_section(report: Report) -> page.Section:
     counts = count_confusions(report.rows)
     if not counts:
         return page.Section("What was taken for what", "Cases of several effects stand in the table of all cases.")
-    order = [*EFFECT_SIZES, "unknown", "none", "several", "failed"]
+    order = [*EFFECT_PLACES, "unknown", "none", "several", "failed"]
     truths = sorted(counts, key=order.index)
     names = {one for line in counts.values() for one in line}
     # effects that a diagnosis names beyond the table of effects stand at the end
@@ -279,7 +291,9 @@ def _cases_section(report: Report) -> page.Section:
     size = "in multiples of the typical one (docs/method/blind_check.md)"
     rows = [_case_cells(row) for row in report.rows]
     brackets = ""
-    if report.asked.kind == "joint":
+    if report.asked.kind == "rough":
+        size = "of a wrong number its factor, truth over file; of an effect " + size
+    if report.asked.kind == FRICTION_KIND:
         columns.append("after, with what is true")
         size = "level at the motor, N m and N m s/rad"
         brackets = " In brackets: a term of friction so small that it may be named or not."
@@ -308,7 +322,14 @@ def _case_cells(row: Row) -> list[TableCell]:
 
 def _describe_reproduction(report: Report) -> str:
     asked, where = report.asked, describe_host()
-    command = f"hdagen blind --kind {asked.kind} --cases {asked.count} --seconds {asked.seconds:g} --seed {asked.seed}"
+    options = [f"--kind {asked.kind}", f"--cases {asked.count}", f"--seconds {asked.seconds:g}", f"--seed {asked.seed}"]
+    if asked.family is not None:
+        options.insert(0, f"--family {asked.family}")
+    if asked.model:
+        options.insert(0, f"--model {shlex.quote(Path(asked.model).name)}")
+    if asked.background is not None:
+        options.insert(1, f"--background {asked.background:g}")
+    command = f"hdagen blind {' '.join(options)}"
     return "\n\n".join(
         [
             f"hdagen {__version__} made this page; every number on it is of this run.",

@@ -12,8 +12,8 @@ from typing import Any
 from hdagen.blind.confidence_intervals import Figure, estimate_mean, estimate_median, estimate_rate, finite_or_none
 from hdagen.blind.label_seal import Seal, hash_seed
 from hdagen.blind.parameter_errors import ComparisonLine, compare_parameters
-from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
-from hdagen.blind.required_rates import BARS, Bar
+from hdagen.blind.realities.effect_places import EFFECT_PLACES
+from hdagen.blind.required_rates import Bar, find_bars
 from hdagen.blind.score_summary import bin_by_confidence, count_confusions, select_single, summarize_rows
 from hdagen.blind.scores import Row
 from hdagen.blind.sealed_check import Check
@@ -35,7 +35,8 @@ class Report:
     @property
     def bars(self) -> list[tuple[Bar, Figure, bool]]:
         """The kind's bars whose figure exists: each bar, its figure, and whether it is met."""
-        known = [(bar, self.summary[bar.figure]) for bar in BARS[self.asked.kind] if bar.figure in self.summary]
+        bars = find_bars(self.asked.population)
+        known = [(bar, self.summary[bar.figure]) for bar in bars if bar.figure in self.summary]
         return [(bar, found, bar.is_met_by(found)) for bar, found in known]
 
 
@@ -61,11 +62,11 @@ def figures_by_effect(rows: Sequence[Row]) -> dict[str, dict[str, Figure]]:
         rows: cases of any kind.
 
     Returns:
-        Figures by effect, in the order of `EFFECT_SIZES`: right "effect", "joint" and "place", "p_truth", and "snr".
+        Figures by effect, in the order of `EFFECT_PLACES`: right "effect", "joint" and "place", "p_truth", and "snr".
 
     """
     found = {}
-    for name in EFFECT_SIZES:
+    for name in EFFECT_PLACES:
         mine = [row for row in select_single(rows) if row.true_effect == name]
         if mine:
             found[name] = {
@@ -90,7 +91,7 @@ def render_report(found: Report) -> str:
     """
     content = {
         "schema": REPORT_SCHEMA,
-        "kind": found.asked.kind,
+        **asdict(found.asked.population),
         "cases": found.asked.count,
         "seconds": found.asked.seconds,
         "version": __version__,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from hdagen.blind.case_tasks import write_case
 from hdagen.blind.realities.cases import Case, draw_cases
+from hdagen.blind.realities.population import Population
 from hdagen.blind.subprocesses import ChildError
 from hdagen.campaign.campaign_run import run_campaign
 from hdagen.campaign.cluster import open_cluster
@@ -20,7 +22,7 @@ from hdagen.support.atomic_write import write_atomically
 
 def export_cases(
     out: Path,
-    kind: str,
+    population: Population,
     count: int,
     seed: str,
     cluster: ClusterRequest,
@@ -30,8 +32,8 @@ def export_cases(
     """Write cases with their logs and labels.
 
     Args:
-        out: folder of all kinds.
-        kind: one of `hdagen.blind.KINDS`.
+        out: folder of all populations.
+        population: that the cases are drawn from.
         count: how many cases.
         seed: the seed that the cases are drawn from.
         cluster: where cases are made.
@@ -39,17 +41,18 @@ def export_cases(
         said: called with a sentence about the progress.
 
     Returns:
-        The folder ``out``/``kind``: case-000 … with robot.toml, log.parquet and hold_out.parquet, and labels.json.
+        The folder of the population in ``out``: case-000 … with robot.toml, log.parquet and hold_out.parquet, and
+        labels.json.
 
     Raises:
         ChildError: a case could not be simulated.
 
     """
-    folder = out / kind
+    folder = out / population.name.replace(" ", "-")
     folder.mkdir(parents=True, exist_ok=True)
-    drawn = {f"case-{index:03d}": case for index, case in enumerate(draw_cases(seed, kind, count))}
+    drawn = {f"case-{index:03d}": case for index, case in enumerate(draw_cases(seed, population, count))}
     tasks = [
-        Task(name, write_case, {"seed": seed, "kind": kind, "index": index, "seconds": seconds})
+        Task(name, write_case, {"seed": seed, **asdict(population), "index": index, "seconds": seconds})
         for index, name in enumerate(drawn)
     ]
     store = ResultStore(folder)

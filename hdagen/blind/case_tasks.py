@@ -169,7 +169,7 @@ def write_case(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str, A
 
     Args:
         folder: takes log and hold-out.
-        parameters: seed, kind and index of the case, and seconds of each log.
+        parameters: seed, population and index of the case, and seconds of each log.
 
     Returns:
         The truth, as `hdagen.blind.realities.log_maker` tells it.

@@ -1,10 +1,51 @@
-"""The words for the figures of a check, in the order in which they are shown."""
+"""The words for populations and for the figures of a check, in the order in which they are shown."""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 from hdagen.blind.confidence_intervals import Figure
+from hdagen.blind.realities.population import DRIVETRAIN, FRICTION_KIND, JOINT, MAXWELL, MODEL, Population
+
+KIND_TITLES = {
+    "single": "one effect",
+    "background": "one effect over a background of every other",
+    "none": "no effect",
+    "unknown": "an effect outside the dictionary",
+    "unknown+one": "one effect beside another outside the dictionary",
+    "pair": "two effects",
+    "rough": "a robot file with wrong numbers",
+    "task": "one effect on a circle task",
+    FRICTION_KIND: "real joints' friction",
+}
+FAMILY_TITLES = {
+    DRIVETRAIN: "arms in MuJoCo",
+    MAXWELL: "arms of another simulator",
+    JOINT: "joints at joint scale",
+    MODEL: "an imported model",
+}
+
+
+def describe_population(population: Population) -> str:
+    """Describe a population in words.
+
+    Args:
+        population: family, kind and background.
+
+    Returns:
+        The kind, and family and background where they are not the usual ones.
+
+    """
+    words = [KIND_TITLES[population.kind]]
+    if population.family != DRIVETRAIN and population.kind != FRICTION_KIND:
+        words.append(FAMILY_TITLES[population.family])
+    if population.model:
+        words.append(Path(population.model).name)
+    if population.background is not None:
+        words.append(f"background {100 * population.background:g} %")
+    return ", ".join(words)
+
 
 FIGURE_LABELS = {
     "effect": "effect right",
@@ -14,6 +55,9 @@ FIGURE_LABELS = {
     "top3": "truth among the first three",
     "both_said": "the effect named and unknown said at its joint",
     "unknown_said_at_joint": "unknown said at its joint",
+    "numbers_right": "every wrong number named with its factor",
+    "number_right": "a wrong number named with its factor",
+    "effect_beside": "the effect beside wrong numbers named",
     "named": "what is there named, nothing else",
     "sizes_within": "sizes within 15 %, of those named",
     "after_within": "gap at most 1.3 times that with what is true",

@@ -1,4 +1,4 @@
-"""The figures of sealed checks, pooled by kind in one file, and the table of them for README and docs.
+"""The figures of sealed checks, pooled by population in one file, and the tables of them for README and docs.
 
 python -m hdagen.blind.rates blind-single/blind.json blind-none/blind.json again/blind.json --out docs/blind.json
 python -m hdagen.blind.rates docs/blind.json blind-unknown/blind.json --out docs/blind.json
@@ -16,14 +16,15 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from hdagen.blind.blind_page import KIND_TITLES
 from hdagen.blind.confidence_intervals import Figure, pool_means, pool_rates
-from hdagen.blind.labels import FIGURE_LABELS, format_figure
-from hdagen.blind.required_rates import BARS, Bar
+from hdagen.blind.family_table import render_family_table
+from hdagen.blind.labels import FIGURE_LABELS, describe_population, format_figure
+from hdagen.blind.realities.population import EVERY_FAMILY, Population, read_population
+from hdagen.blind.required_rates import BARS, Bar, find_bars
 from hdagen.blind.score_summary import summarize_rows
 from hdagen.blind.scores import Row
 from hdagen.diagnosis.decision import calibration
@@ -38,27 +39,30 @@ KEPT_KEYS = ("cases", "seconds", "version", "machine", "seal", "seed", "seed_has
 
 
 def combine_checks(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Combine checks by kind.
+    """Combine checks by population.
 
     Args:
         reports: contents of blind.json, or of files that this function made.
 
     Returns:
-        By kind: the figures over all cases, the data to run each check again (``checks``), the cases (``rows``), and
-        the figures of the cases that are missing there (``without_rows``).
+        By name of the population (`hdagen.blind.realities.population`): it, the figures over all cases, the data to run
+        each check again (``checks``), the cases (``rows``), and the figures of the cases that are missing there
+        (``without_rows``).
 
     Raises:
         ValueError: a seed stands twice, so that its cases would count twice, or was used for the calibration.
 
     """
     found = {}
-    for kind, parts_of in _parts_by_kind(reports).items():
+    for name, parts_of in _parts_by_population(reports).items():
+        population = _find_population(name, parts_of[0])
+        kind = population.kind
         checks = [check for part in parts_of for check in part["checks"]]
         seeds = [check["seed"] for check in checks]
         if len(set(seeds)) < len(seeds):
-            raise ValueError(f"{kind}: a seed stands twice among {', '.join(sorted(seeds))}; give each check once.")
+            raise ValueError(f"{name}: a seed stands twice among {', '.join(sorted(seeds))}; give each check once.")
         if tuned := [check["seed"] for check in checks if check["seed_hash"] in calibration.read().seeds]:
-            raise ValueError(f"{kind}: the probabilities were calibrated on {', '.join(tuned)}; give other checks.")
+            raise ValueError(f"{name}: the probabilities were calibrated on {', '.join(tuned)}; give other checks.")
         rows = [row for part in parts_of for row in part.get("rows", [])]
         gone = [_figures_without_rows(part) for part in parts_of]
         before = _pool_figures([one for one in gone if one])
@@ -66,7 +70,8 @@ def combine_checks(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         figures = _pool_figures([one for one in (before, summarize_rows(scored)) if one])
         if lasted := _last_duration(parts_of[-1], kind):
             figures["seconds"] = lasted
-        found[kind] = {
+        found[name] = {
+            "population": asdict(population),
             "cases": sum(part["cases"] for part in parts_of),
             "summary": {name: figure.as_json() for name, figure in figures.items()},
             "checks": checks,
@@ -76,16 +81,21 @@ def combine_checks(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _parts_by_kind(reports: Sequence[Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:
-    """The parts of all reports that belong to each kind; the report of a check is one part."""
-    kinds: dict[str, list[Mapping[str, Any]]] = {}
+def _find_population(name: str, part: Mapping[str, Any]) -> Population:
+    """The population of a part of a combined file; older files have the kind alone, as its name."""
+    return read_population(part.get("population", {"kind": name}))
+
+
+def _parts_by_population(reports: Sequence[Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:
+    """The parts of all reports that belong to each population; the report of a check is one part."""
+    found: dict[str, list[Mapping[str, Any]]] = {}
     for report in reports:
         parts = report
         if "kind" in report:
-            parts = {report["kind"]: _as_part(report)}
-        for kind, part in parts.items():
-            kinds.setdefault(kind, []).append(part)
-    return kinds
+            parts = {read_population(report).name: _as_part(report)}
+        for name, part in parts.items():
+            found.setdefault(name, []).append(part)
+    return found
 
 
 def _figures_without_rows(part: Mapping[str, Any]) -> dict[str, Figure]:
@@ -98,7 +108,14 @@ def _figures_without_rows(part: Mapping[str, Any]) -> dict[str, Figure]:
 def _as_part(report: Mapping[str, Any]) -> dict[str, Any]:
     """A check's own report as a part of a combined file."""
     check = {key: report[key] for key in KEPT_KEYS}
-    return {"cases": report["cases"], "checks": [check], "without_rows": {}, "rows": report["rows"]}
+    population = asdict(read_population(report))
+    return {
+        "population": population,
+        "cases": report["cases"],
+        "checks": [check],
+        "without_rows": {},
+        "rows": report["rows"],
+    }
 
 
 def _read_figures(stated: Mapping[str, Any]) -> dict[str, Figure]:
@@ -138,7 +155,7 @@ def _read_row(stated: Mapping[str, Any], kind: str) -> Row:
     return Row(**(values | {key: math.nan for key in NUMBER_FIELDS if values.get(key) is None}))
 
 
-HEADLINE_RATES = (  # the rates of README: kind and figure
+HEADLINE_RATES = (  # the rates of README: population and figure
     ("single", "effect"),
     ("background", "effect"),
     ("pair", "pair_f1"),
@@ -152,7 +169,7 @@ def render_headline_table(checks: Mapping[str, Any]) -> str:
     """Render the rates of README.
 
     Args:
-        checks: a combined file, by kind.
+        checks: a combined file, by population.
 
     Returns:
         A Markdown table with a line for each of `HEADLINE_RATES`.
@@ -165,25 +182,24 @@ def render_table(checks: Mapping[str, Any], chosen: Sequence[tuple[str, str]] | 
     """Render the figures that have a bar.
 
     Args:
-        checks: a combined file, by kind.
-        chosen: kind and figure of the bars to show; all if None.
+        checks: a combined file, by population.
+        chosen: population and figure of the bars to show; all if None.
 
     Returns:
-        A Markdown table with a line for each bar of each kind, in the order of the bars.
+        A Markdown table with a line for each bar of each population, in the order of families and kinds.
 
     """
     lines = ["| measured on | cases | figure | bar | reached (95 % interval) | |", "|---|---|---|---|---|---|"]
-    for kind, bars in BARS.items():
-        if kind not in checks:
-            continue
-        for bar in bars:
-            if chosen is not None and (kind, bar.figure) not in chosen:
+    populations = {name: _find_population(name, part) for name, part in checks.items()}
+    for name, population in sorted(populations.items(), key=lambda item: _place_population(item[1])):
+        for bar in find_bars(population):
+            if chosen is not None and (name, bar.figure) not in chosen:
                 continue
-            found = _read_figure(checks[kind]["summary"].get(bar.figure))
+            found = _read_figure(checks[name]["summary"].get(bar.figure))
             if found is not None:
                 outcome = "met" if bar.is_met_by(found) else "missed"
                 cells = (
-                    KIND_TITLES[kind],
+                    describe_population(population),
                     str(found.count),
                     FIGURE_LABELS[bar.figure],
                     _describe_limit(bar),
@@ -192,6 +208,29 @@ def render_table(checks: Mapping[str, Any], chosen: Sequence[tuple[str, str]] | 
                 )
                 lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
+
+
+def render_families(checks: Mapping[str, Any]) -> str:
+    """Render the figures of one effect by family, with the calibration that the other families give.
+
+    Args:
+        checks: a combined file, by population.
+
+    Returns:
+        A Markdown table with a line for each family whose cases the file holds.
+
+    """
+    rows: dict[str, list[Row]] = {}
+    for name, part in checks.items():
+        population = _find_population(name, part)
+        rows.setdefault(population.family, []).extend(_read_row(row, population.kind) for row in part.get("rows", ()))
+    return render_family_table(rows)
+
+
+def _place_population(population: Population) -> tuple[int, int, float]:
+    """Where a population stands in a table."""
+    kinds = list(BARS)
+    return EVERY_FAMILY.index(population.family), kinds.index(population.kind), population.background or 0.0
 
 
 def _describe_limit(bar: Bar) -> str:
@@ -230,6 +269,7 @@ def main() -> int:
         write_atomically(options.out, (json.dumps(content, indent=1) + "\n").encode())
         return 0
     sys.stdout.write(render_table(read[0]))
+    sys.stdout.write("\n" + render_families(read[0]))
     return 0
 
 

@@ -50,8 +50,8 @@ def summarize_rows(rows: Sequence[Row]) -> dict[str, Figure]:
         Figures by the keys of `hdagen.blind.labels.FIGURE_LABELS`, without those that no case tells anything of.
 
     """
-    kinds = ("pair", "none", "unknown", "unknown+one", "joint")
-    pairs, none, unknown, both, joints = ([row for row in rows if row.kind == kind] for kind in kinds)
+    kinds = ("pair", "none", "unknown", "unknown+one", "joint", "rough")
+    pairs, none, unknown, both, joints, rough = ([row for row in rows if row.kind == kind] for kind in kinds)
     one = select_single(rows)
     wrong = [row for row in one if not row.is_right]
     gaps = [row for row in rows if row.has_gap]
@@ -66,14 +66,19 @@ def summarize_rows(rows: Sequence[Row]) -> dict[str, Figure]:
         "p_truth": estimate_mean([row.p_truth for row in rows if row.kind not in ("none", "unknown")]),
         "brier": estimate_mean([row.brier for row in rows]),
         "calibration_error": calibration_error(one),
-        "sure": estimate_rate([row.sure for row in [*one, *joints]]),
-        "sure_and_wrong": estimate_rate([row.sure and not row.is_right for row in [*one, *joints]]),
+        "sure": estimate_rate([row.sure for row in [*one, *joints, *rough]]),
+        "sure_and_wrong": estimate_rate([row.sure and not row.is_right for row in [*one, *joints, *rough]]),
         "confounded_where_wrong": estimate_rate([row.truth[0] in row.confounded for row in wrong]),
         "false_alarm": estimate_rate([bool(row.verdict) for row in none if not row.failed]),
         "unknown_found": estimate_rate([row.named_effects == ("unknown",) for row in unknown]),
         "unknown_found_at_joint": estimate_rate([row.verdict == row.truth for row in unknown]),
         "both_said": estimate_rate([row.is_right and row.is_unknown_right for row in both]),
         "unknown_said_at_joint": estimate_rate([row.is_unknown_right for row in both]),
+        "numbers_right": estimate_rate([set(row.right_numbers) == set(row.numbers) for row in rough]),
+        "number_right": estimate_rate([number in row.right_numbers for row in rough for number in row.numbers]),
+        "effect_beside": estimate_rate(
+            [row.is_effect_beside_right for row in rough if len(row.truth) > len(row.numbers)]
+        ),
         "named": estimate_rate([row.is_right for row in joints]),
         "sizes_within": estimate_rate([row.are_sizes_right for row in joints if row.is_right]),
         "after_within": estimate_rate([row.after <= LARGEST_GAP_RATIO * row.after_true for row in known]),
@@ -95,14 +100,17 @@ def bin_by_confidence(rows: Sequence[Row]) -> list[tuple[Figure, Figure]]:
         For each tenth that occurs the mean stated probability, and the share of right verdicts.
 
     """
+    return _bin_outcomes([row.p_top for row in rows], [row.is_right for row in rows])
+
+
+def _bin_outcomes(said: Sequence[float], right: Sequence[bool]) -> list[tuple[Figure, Figure]]:
+    """For each tenth of the stated probabilities that occurs their mean, and the share that came out right."""
     found = []
-    place = [min(int(row.p_top * CONFIDENCE_BINS), CONFIDENCE_BINS - 1) for row in rows]
+    place = [min(int(p * CONFIDENCE_BINS), CONFIDENCE_BINS - 1) for p in said]
     for at in range(CONFIDENCE_BINS):
-        inside = [row for row, bin_ in zip(rows, place, strict=True) if bin_ == at]
+        inside = [k for k, bin_ in enumerate(place) if bin_ == at]
         if inside:
-            found.append(
-                (estimate_mean([row.p_top for row in inside]), estimate_rate([row.is_right for row in inside]))
-            )
+            found.append((estimate_mean([said[k] for k in inside]), estimate_rate([right[k] for k in inside])))
     return found
 
 
@@ -113,12 +121,26 @@ def calibration_error(rows: Sequence[Row]) -> Figure:
         The error, between 0 and 1; its interval follows from the standard errors of the shares.
 
     """
-    if not rows:
+    return measure_calibration_error([row.p_top for row in rows], [row.is_right for row in rows])
+
+
+def measure_calibration_error(said: Sequence[float], right: Sequence[bool]) -> Figure:
+    """Measure the expected calibration error of stated probabilities.
+
+    Args:
+        said: the probability of each case.
+        right: whether each case came out so.
+
+    Returns:
+        The error, between 0 and 1; its interval follows from the standard errors of the shares.
+
+    """
+    if not said:
         return estimate_mean([])
-    parts = bin_by_confidence(rows)
-    error = sum(abs(said.value - right.value) * right.count for said, right in parts) / len(rows)
-    spread = math.sqrt(sum(right.value * (1 - right.value) * right.count for _, right in parts)) / len(rows)
-    return Figure(error, len(rows), max(error - 1.96 * spread, 0.0), error + 1.96 * spread)
+    parts = _bin_outcomes(said, right)
+    error = sum(abs(mean.value - share.value) * share.count for mean, share in parts) / len(said)
+    spread = math.sqrt(sum(share.value * (1 - share.value) * share.count for _, share in parts)) / len(said)
+    return Figure(error, len(said), max(error - 1.96 * spread, 0.0), error + 1.96 * spread)
 
 
 def accuracy_by_coverage(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
@@ -135,7 +157,7 @@ def accuracy_by_coverage(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def count_confusions(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
-    """Count cases by true effect and by verdict; pairs and real joints are left out.
+    """Count cases by true effect and by verdict; cases of several effects are left out.
 
     Returns:
         Counts by true effect, then by the verdict's effect: "none" without one, "several" with more than one, "failed"
@@ -144,7 +166,7 @@ def count_confusions(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
     """
     found: dict[str, dict[str, int]] = {}
     for row in rows:
-        if row.kind in ("pair", "joint"):
+        if row.kind in ("pair", "joint", "rough"):
             continue
         true = row.true_effect if row.truth else "none"
         line, said = found.setdefault(true, {}), _verdict_word(row)

@@ -9,10 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
+from hdagen.blind.realities.effect_places import EFFECT_PLACES
 
 EQUIVALENT_EFFECTS = {"asymmetric_friction": "current_bias"}  # they differ near standstill only: either name counts
 GAP_KEYS = ("before", "after", "after_true")
+FACTOR_TOLERANCE = 0.2  # largest error of the factor of a wrong number, as a share of the true factor
+WIDEST_INTERVAL = 1.5  # largest ratio of the ends of an interval that says enough
+_NORMAL_95 = 1.96  # standard deviations to either side of a 95 % interval
 SIZE_TOLERANCE = 0.15  # largest error of a found size, as a share of the true size
 _LEAST_CLOSABLE_GAP = 0.5  # multiples of the noise: a flexible correction that closes less is no measure
 
@@ -22,7 +25,8 @@ class Row:
     """One case of a ``kind`` with its truth and its diagnosis.
 
     ``truth``, ``optional`` (neither required nor wrong), ``verdict``, ``remainder``, ``ranked`` and ``confounded`` hold
-    name@joint, with one name for equivalent effects. ``remainder``: unknown effects that the diagnosis states beside
+    name@joint, with one name for equivalent effects. ``numbers``: those of ``truth`` that are wrong numbers of the
+    robot file. ``remainder``: unknown effects that the diagnosis states beside
     the named ones; they are no part of ``verdict``. ``p_truth``: probability of the truth; ``p_top``: of the first
     cause; ``p_stated``: of the leading hypothesis before calibration. ``brier``: score over the hypotheses. ``found``:
     parameters of the verdict's causes. ``before``, ``after``: gap on the hold-out; ``after_true``: gap with the true
@@ -38,6 +42,7 @@ class Row:
     snr: float
     parameters: Mapping[str, Mapping[str, float]]
     optional: tuple[str, ...] = ()
+    numbers: tuple[str, ...] = ()
     verdict: tuple[str, ...] = ()
     remainder: tuple[str, ...] = ()
     sure: bool = False
@@ -99,6 +104,20 @@ class Row:
         return set(self.truth) - set(self.truth_with_names) <= {*self.verdict, *self.remainder}
 
     @property
+    def right_numbers(self) -> tuple[str, ...]:
+        """The wrong numbers of the robot file that the verdict names with their factor."""
+        return tuple(
+            one
+            for one in self.numbers
+            if one in self.verdict and is_factor_right((self.found or {}).get(one, {}), self.parameters[one]["factor"])
+        )
+
+    @property
+    def is_effect_beside_right(self) -> bool:
+        """Whether the verdict names the effects beside the wrong numbers."""
+        return set(self.truth_with_names) - set(self.numbers) <= set(self.verdict)
+
+    @property
     def are_sizes_right(self) -> bool:
         """Whether the sizes of all true frictions are found within `SIZE_TOLERANCE`."""
         for key in self.truth_with_names:
@@ -125,7 +144,41 @@ class Row:
     @property
     def is_place_right(self) -> bool:
         """Whether the diagnosis places the gap where the effect acts."""
-        return self.true_effect in EFFECT_SIZES and self.place == EFFECT_SIZES[self.true_effect].place
+        return self.place == EFFECT_PLACES.get(self.true_effect)
+
+
+def is_factor_right(found: Mapping[str, Mapping[str, Any]], true: float) -> bool:
+    """Tell whether the factor of a wrong number was found.
+
+    Args:
+        found: estimates of the cause; empty where another number stands for it that the motion cannot part from it.
+        true: the factor, truth over file.
+
+    Returns:
+        Whether the factor is within `FACTOR_TOLERANCE`, or its 95 % interval holds the truth and is no wider than
+        `WIDEST_INTERVAL`.
+
+    """
+    if not found:
+        return True
+    estimate = _read_factor(found)
+    if estimate is None:
+        return False
+    value, std = estimate
+    low, high = value - _NORMAL_95 * std, value + _NORMAL_95 * std
+    holds = low <= true <= high and 0.0 < high <= WIDEST_INTERVAL * low
+    return abs(value / true - 1.0) <= FACTOR_TOLERANCE or holds
+
+
+def _read_factor(found: Mapping[str, Mapping[str, Any]]) -> tuple[float, float] | None:
+    """Factor and standard deviation: stated as such, as a level, or as a value beside the robot file's."""
+    for name in ("factor", "stiffness_level", "torque_gain"):
+        if name in found:
+            return float(found[name]["value"]), float(found[name]["std"] or 0.0)
+    known = [one for one in found.values() if one.get("file")]
+    if len(known) != 1:
+        return None
+    return known[0]["value"] / known[0]["file"], (known[0]["std"] or 0.0) / abs(known[0]["file"])
 
 
 def split_unknown(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -172,12 +225,13 @@ def score_case(
 
     """
     truth = tuple(merge_equivalent(one) for one in label["verdict"])
-    optional = tuple(label.get("optional", ()))
+    optional, numbers = tuple(label.get("optional", ())), tuple(label.get("numbers", ()))
     known: dict[str, Any] = {
         "name": name,
         "kind": label["kind"],
         "truth": truth,
         "optional": optional,
+        "numbers": numbers,
         "sizes": tuple(label["sizes"]),
         "background": label["background"],
         "snr": told["snr"],
@@ -187,11 +241,55 @@ def score_case(
     if said is None or result.get("failed"):
         return Row(**known, failed=result.get("failed") or "there is no diagnosis.json")
     try:
-        read = _read_diagnosis(split_unknown(truth)[0], optional, said)
+        read = _read_diagnosis(split_unknown(truth)[0], optional, replace_stand_ins(said, truth, numbers))
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         return Row(**known, failed=f"diagnosis.json is not as diagnosis_json.md says: {type(error).__name__} {error}")
     gaps = {key: result[key] for key in GAP_KEYS if result.get(key) is not None}
     return Row(**known | read | gaps)
+
+
+def replace_stand_ins(said: Mapping[str, Any], truth: Sequence[str], numbers: Sequence[str]) -> Mapping[str, Any]:
+    """Give causes that stand for a wrong number the number's name: of a combination that the motion cannot part any
+    member counts, and a payload for the mass of the last link.
+
+    Args:
+        said: content of diagnosis.json.
+        truth: all true effects and numbers, name@joint.
+        numbers: those that are wrong numbers of the robot file.
+
+    Returns:
+        The content with the names of the truth; such a cause has no estimates.
+
+    """
+    renamed: dict[str, str] = {}
+    for cause in said["causes"]:
+        key = f"{cause['effect']}@{cause['joint']}"
+        members = [*cause.get("combination", ())]
+        if cause["effect"] == "payload":
+            members.append(f"mass@{cause['joint']}")
+        missed = [one for one in members if one in numbers and one not in {*said["verdict"], *renamed.values()}]
+        if key in said["verdict"] and key not in truth and missed:
+            renamed[key] = missed[0]
+    if not renamed:
+        return said
+
+    def rename_cause(cause: Mapping[str, Any]) -> Mapping[str, Any]:
+        key = f"{cause['effect']}@{cause['joint']}"
+        if key not in renamed:
+            return cause
+        effect, _, joint = renamed[key].partition("@")
+        return {**cause, "effect": effect, "joint": int(joint), "parameters": {}}
+
+    def rename_all(names: Sequence[str]) -> list[str]:
+        return [renamed.get(one, one) for one in names]
+
+    left = [c for c in said["causes"] if f"{c['effect']}@{c['joint']}" not in renamed.values()]
+    return {
+        **said,
+        "verdict": rename_all(said["verdict"]),
+        "causes": [rename_cause(cause) for cause in left],
+        "hypotheses": [{**one, "effects": rename_all(one["effects"])} for one in said["hypotheses"]],
+    }
 
 
 def _read_diagnosis(truth: tuple[str, ...], optional: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 from hdagen.blind import label_seal
 from hdagen.blind.case_tasks import make_diagnosis_task, make_gap_task, replay_gap
 from hdagen.blind.realities.cases import Case, draw_cases
+from hdagen.blind.realities.population import Population, read_population
 from hdagen.blind.scores import Row, score_case
 from hdagen.blind.subprocesses import HDAGEN_COMMAND, ChildError, request_log
 from hdagen.campaign.campaign_run import run_arriving_tasks
@@ -40,9 +41,10 @@ class BlindError(Exception):
 
 @dataclass(frozen=True)
 class Check:
-    """The request for a check. ``cluster``: where cases are diagnosed; ``seconds``: length of each log; ``out``: folder
-    of the results; ``keep``: logs and pages of the cases stay there; ``program``: command that runs as ``hdagen``
-    (tests give another one; none: each worker's own)."""
+    """The request for a check. ``kind``, ``family``, ``background`` and ``model`` state the population that its cases
+    are drawn from (no family: the one that the kind usually belongs to). ``cluster``: where cases are diagnosed;
+    ``seconds``: length of each log; ``out``: folder of the results; ``keep``: logs and pages of the cases stay there;
+    ``program``: command that runs as ``hdagen`` (tests give another one; none: each worker's own)."""
 
     kind: str
     count: int
@@ -52,6 +54,15 @@ class Check:
     out: Path
     keep: bool = False
     program: tuple[str, ...] = ()
+    family: str | None = None
+    background: float | None = None
+    model: str = ""
+
+    @property
+    def population(self) -> Population:
+        """The population that the cases are drawn from."""
+        stated = {"kind": self.kind, "family": self.family, "background": self.background, "model": self.model}
+        return read_population(stated)
 
 
 def run_check(asked: Check, said: Callable[[str], None]) -> tuple[list[Row], label_seal.Seal]:
@@ -70,7 +81,7 @@ def run_check(asked: Check, said: Callable[[str], None]) -> tuple[list[Row], lab
         seal.SealError: the labels changed between sealing and scoring.
 
     """
-    drawn = draw_cases(asked.seed, asked.kind, asked.count)
+    drawn = draw_cases(asked.seed, asked.population, asked.count)
     labels = {case.name: case.label() for case in drawn}
     closed = label_seal.seal_labels(labels, asked.seed)
     _claim_folder(asked, closed)
@@ -93,7 +104,7 @@ def _claim_folder(asked: Check, closed: label_seal.Seal) -> None:
     path = asked.out / "seal.json"
     mine = {
         "seal": closed.digest,
-        "kind": asked.kind,
+        **asdict(asked.population),
         "cases": asked.count,
         "seconds": asked.seconds,
         "version": __version__,
@@ -105,7 +116,7 @@ def _claim_folder(asked: Check, closed: label_seal.Seal) -> None:
             found = None
         if found != mine:
             raise BlindError(
-                f"{asked.out}: holds another check (other seed, kind, number or length of cases, or version); "
+                f"{asked.out}: holds another check (other seed, population, number or length of cases, or version); "
                 "name another folder with --out, or give the seed it was started with to go on."
             )
         return
@@ -127,7 +138,7 @@ def _diagnose_cases(
             folder = asked.out / "cases" / case.name
             folder.mkdir(parents=True, exist_ok=True)
             log = {"motion": "log", "out": str((folder / "log.parquet").absolute())}
-            told[case.name] = request_log(_describe_case(asked, index, case) | log)
+            told[case.name] = request_log(_describe_case(asked, index) | log)
             if (folder / "result.json").exists():
                 continue
             write_atomically(folder / "robot.toml", case.robot.toml().encode())
@@ -171,7 +182,7 @@ def _measure_cases(
             if (folder / "result.json").exists():
                 continue
             held = {"motion": "hold_out", "out": str((folder / "hold_out.parquet").absolute())}
-            request_log(_describe_case(asked, index, case) | held | {"truth": told[case.name]["parameters"]})
+            request_log(_describe_case(asked, index) | held | {"truth": told[case.name]["parameters"]})
             found[case.name] = dict(read_json(folder / "out" / TASK_FILE, _LARGEST_JSON, "check again")["row"])
             try:
                 found[case.name] |= _measure_true_gap(asked, folder, case)
@@ -189,9 +200,9 @@ def _measure_cases(
         _write_result(asked, case, result)
 
 
-def _describe_case(asked: Check, index: int, case: Case) -> dict[str, Any]:
+def _describe_case(asked: Check, index: int) -> dict[str, Any]:
     """A case for the child that makes its logs."""
-    return {"seed": asked.seed, "kind": case.kind, "index": index, "seconds": asked.seconds}
+    return {"seed": asked.seed, **asdict(asked.population), "index": index, "seconds": asked.seconds}
 
 
 def _describe_failure(outcome: Outcome) -> dict[str, Any]:

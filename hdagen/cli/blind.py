@@ -15,12 +15,16 @@ from hdagen.cli.cluster_options import add_cluster_options, read_cluster_request
 
 if TYPE_CHECKING:
     from hdagen.blind.blind_report import Report
+    from hdagen.blind.realities.population import Population
     from hdagen.campaign.cluster_request import ClusterRequest
 
 BLIND_EXAMPLE = """example:
   hdagen blind --kind single --cases 200
   hdagen blind --kind background --cases 200 --calibrate background.json
   hdagen blind --kind task --cases 24 --write made-here
+  hdagen blind --family maxwell --kind single --background 0.08 --cases 100
+  hdagen blind --family joint --kind rough --cases 40
+  hdagen blind --model panda.urdf --kind single --cases 16
 
 exit codes: 0 done, 1 a stated bar failed, 2 usage or configuration; see docs/method/blind_check.md"""
 DONE, BAR_MISSED, USAGE = 0, 1, 2
@@ -35,7 +39,7 @@ def add_parser(commands: Any) -> None:
         commands: The subparsers of `hdagen`.
 
     """
-    from hdagen.blind import KINDS
+    from hdagen.blind.realities.population import BACKGROUNDS, FAMILIES, KINDS
 
     p = commands.add_parser(
         "blind",
@@ -46,6 +50,23 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("--kind", choices=KINDS, required=True, help="what the realities have that the robot files lack")
+    p.add_argument(
+        "--family",
+        choices=FAMILIES,
+        help="which realities: arms in MuJoCo with hand-coded drives, arms of another simulator, or joints at joint "
+        "scale (default: drivetrain; of kind joint: joint)",
+    )
+    p.add_argument(
+        "--model",
+        metavar="MODEL",
+        help="a URDF, an MJCF or a robot.toml in space, whose links are scattered (kinds single and none)",
+    )
+    p.add_argument(
+        "--background",
+        type=float,
+        choices=BACKGROUNDS,
+        help="size of every other effect, in usual sizes (default: 0; kind background: 0.04; kind none: 0 and 0.04)",
+    )
     p.add_argument("--cases", type=int, default=48, metavar="N", help="how many (default: 48)")
     p.add_argument(
         "--seed",
@@ -53,8 +74,15 @@ def add_parser(commands: Any) -> None:
         help="any text, or - to read it from the standard input, where no other process sees it (default: drawn, and "
         "told at the end)",
     )
-    p.add_argument("--seconds", type=float, metavar="T", help="length of a log, s (default: 10; joints: 24)")
-    p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default: blind-<kind>)")
+    p.add_argument(
+        "--seconds",
+        type=float,
+        metavar="T",
+        help="length of a log, s (default: 10; family joint: 15; kind joint: 24; a model: 20)",
+    )
+    p.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder of the results (default: blind- and family, kind, background)"
+    )
     p.add_argument("--keep", action="store_true", help="keep every case's logs and page")
     p.add_argument("--calibrate", type=Path, metavar="FILE", help="also write the data that a calibration is fitted to")
     p.add_argument("--json", action="store_true", help="print blind.json, or where cases were written")
@@ -72,11 +100,14 @@ def run(options: argparse.Namespace) -> int:
         The exit code: 1 where a bar is missed.
 
     """
-    from hdagen.blind import LOG_SECONDS
+    from hdagen.blind.realities.population import read_population
 
+    if options.model is not None:
+        options.model = str(Path(options.model).absolute())  # for the processes that make logs
+    population = read_population(vars(options))
     if options.seconds is None:
-        options.seconds = LOG_SECONDS[options.kind]
-    problems = _find_conflicts(options)
+        options.seconds = population.seconds
+    problems = _find_conflicts(options, population)
     if problems:
         print("\n".join(problems), file=sys.stderr)
         return USAGE
@@ -84,6 +115,7 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.blind.sealed_check import BlindError
     from hdagen.blind.subprocesses import ChildError
     from hdagen.diagnosis.decision.calibration import CalibrationError
+    from hdagen.model_import.model_file import ModelError
 
     cluster = read_cluster_request(options, DEFAULT_JOBS)
     seed = _choose_seed(options.seed)
@@ -92,7 +124,7 @@ def run(options: argparse.Namespace) -> int:
             from hdagen.blind.case_export import export_cases
 
             folder = export_cases(
-                options.write, options.kind, options.cases, seed, cluster, options.seconds, _make_progress()
+                options.write, population, options.cases, seed, cluster, options.seconds, _make_progress()
             )
             if options.json:
                 print(json.dumps({"written": str(folder), "labels": "labels.json", "seed": seed}))
@@ -100,7 +132,7 @@ def run(options: argparse.Namespace) -> int:
                 print(f"written: {folder}, with labels.json; seed {seed}")
             return DONE
         return _run_check(options, seed, cluster)
-    except (BlindError, CalibrationError, ChildError, SealError) as error:
+    except (BlindError, CalibrationError, ChildError, ModelError, SealError) as error:
         print(error, file=sys.stderr)
         return USAGE
     except OSError as error:
@@ -112,7 +144,9 @@ def run(options: argparse.Namespace) -> int:
         return USAGE
 
 
-def _find_conflicts(options: argparse.Namespace) -> list[str]:
+def _find_conflicts(options: argparse.Namespace, population: Population) -> list[str]:
+    from hdagen.blind.realities.population import FRICTION_KIND, KINDS_OF_FAMILY, MAXWELL, MODEL
+
     problems = [
         f"{name} {value}: possible is a whole number from 1 on."
         for name, value in (("--cases", options.cases),)
@@ -122,7 +156,17 @@ def _find_conflicts(options: argparse.Namespace) -> list[str]:
         problems.append(f"--seconds {options.seconds:g}: possible is {LEAST_SECONDS:g} to {MOST_SECONDS:g} s.")
     if options.write is not None and (options.out is not None or options.calibrate is not None or options.keep):
         problems.append("--write makes cases and checks nothing: leave out --out, --keep and --calibrate.")
-    if importlib.util.find_spec("mujoco") is None:
+    if population.kind not in (possible := KINDS_OF_FAMILY[population.family]):
+        problems.append(
+            f"--family {population.family} has no kind {population.kind}; possible are {', '.join(possible)}."
+        )
+    if population.kind == FRICTION_KIND and population.background is not None:
+        problems.append(f"--kind {FRICTION_KIND} draws its own background: leave out --background.")
+    if options.model and options.family:
+        problems.append(f"--model is a family of its own: leave out --family {options.family}.")
+    if population.family == MODEL and population.background is not None:
+        problems.append("--model has no background: leave out --background.")
+    if population.family != MAXWELL and importlib.util.find_spec("mujoco") is None:
         problems.append("MuJoCo is not installed, which makes the realities: pip install 'hdagen[mujoco]'.")
     return problems
 
@@ -156,6 +200,7 @@ def _run_check(options: argparse.Namespace, seed: str, cluster: ClusterRequest) 
     from hdagen.blind import blind_page, calibrate
     from hdagen.blind.blind_report import make_report, render_report
     from hdagen.blind.label_seal import hash_seed
+    from hdagen.blind.realities.population import read_population
     from hdagen.blind.sealed_check import BlindError, Check, run_check
     from hdagen.diagnosis.decision import calibration
     from hdagen.support.atomic_write import write_atomically
@@ -168,8 +213,11 @@ def _run_check(options: argparse.Namespace, seed: str, cluster: ClusterRequest) 
         seed,
         cluster,
         options.seconds,
-        options.out or Path(f"blind-{options.kind}"),
+        options.out or Path(f"blind-{read_population(vars(options)).name.replace(' ', '-')}"),
         options.keep,
+        family=options.family,
+        background=options.background,
+        model=options.model or "",
     )
     rows, closed = run_check(asked, _make_progress())
     found = make_report(asked, closed, rows)
@@ -203,8 +251,8 @@ def _print_report(found: Report) -> None:
         if met:
             verdict = "met"
         limits[bar.figure] = f"{bound} {bar.value:g}: {verdict}"
-    table = Table("", "value (95 % interval)", title=f"blind check: {found.asked.kind}, {found.asked.count} cases",
-                  title_justify="left")  # fmt: skip
+    title = f"blind check: {found.asked.population.name}, {found.asked.count} cases"
+    table = Table("", "value (95 % interval)", title=title, title_justify="left")
     table.add_column("cases", justify="right")
     table.add_column("bar")
     for name, words in FIGURE_LABELS.items():

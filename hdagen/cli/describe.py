@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     """
     from hdagen.arm.compiled_arm import load
 
-    arm = load(options.robot, options.profile, read_effect_names(options), options.out, in_space=True)
+    arm = load(options.robot, options.profile, read_effect_names(options), options.out)
     parameters = _select_parameters(arm, options.names)
     if options.json:
         print(json.dumps(_make_content(arm, parameters, bool(options.names)), indent=1))

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,11 +38,13 @@ DIAGNOSE_EXAMPLE = """example:
   hdagen diagnose robot.toml monday.parquet tuesday.parquet
   hdagen diagnose --fleet fleet.toml
   hdagen diagnose robot.toml log.parquet --fail-above 2.5 --fail-on payload@2
+  hdagen diagnose robot.toml log.parquet --within 20
 
 writes diagnosis.json and report.html; `hdagen replay --with` and `hdagen adopt` take the former. With --fleet: a folder
 for each [[machine]] of fleet.toml, fleet.json and fleet.html.
 exit codes: 0 done, 2 usage or configuration, 3 data unusable, 5 a condition of --fail-above or --fail-on is met; then
-standard error says which. docs/method/index.md says how it decides"""
+standard error says which; 7 the time of --within was up before there was anything to state. How it decides:
+docs/method/index.md"""
 DONE, USAGE, UNUSABLE = 0, 2, 3
 THREADS_PER_DIAGNOSIS = 2  # that one diagnosis keeps busy
 
@@ -66,6 +69,12 @@ def add_parser(commands: Any) -> None:
     p.add_argument("--columns", type=Path, metavar="columns.toml", help="names, units and signs of a foreign log")
     p.add_argument("--hold-out", nargs="+", type=Path, metavar="LOG", help="other motions of the same machine")
     p.add_argument("--out", type=Path, metavar="DIR", help="default: ./diagnosis-<log or fleet>")
+    p.add_argument(
+        "--within",
+        type=float,
+        metavar="SECONDS",
+        help="state the best so far when the time is up: never sure, with a list of what was not tried",
+    )
     p.add_argument("--fleet", type=Path, metavar="fleet.toml", help="many logs, a [[machine]] with robot and log each")
     add_failure_options(p)
     add_cluster_options(p, "machines of a fleet", "half the cores")
@@ -99,6 +108,8 @@ def _check_options(options: argparse.Namespace) -> None:
             problems.append("give a robot file and a log, or --fleet fleet.toml.")
         problems += [f"{name}: goes with --fleet only." for name in list_given_options(options)]
     else:
+        if options.within is not None:
+            problems.append("--within: is the time of one diagnosis; leave it out with --fleet.")
         given = [name for name in ("robot", "columns", "hold_out") if getattr(options, name) is not None]
         if given:
             problems.append(f"--fleet: {', '.join(given)} stands in fleet.toml, by machine; leave it out here.")
@@ -130,21 +141,24 @@ def _make_folder(out: Path) -> Iterator[Path]:
 
 
 def _diagnose_machine(options: argparse.Namespace) -> int:
+    from hdagen.arm.joint_names import read_joint_names
     from hdagen.diagnosis.pipeline import diagnose
     from hdagen.diagnosis.report.sentences import write_verdict
     from hdagen.diagnosis.stages.stage import Stage
+    from hdagen.diagnosis.stages.time_budget import TimeBudget
     from hdagen.log.measured_log import check_log_file, read
     from hdagen.support.heap_memory import tune_malloc
 
+    budget = TimeBudget(options.within)
     for path in (*options.logs, *(options.hold_out or ())):
         check_log_file(path)
     check_failure_options(options, [options.robot])
     with _make_folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
-        logs = [read(path, columns=options.columns, holes=True) for path in options.logs]
-        held = [read(path, columns=options.columns, holes=True) for path in options.hold_out or ()]
+        read_one = partial(read, columns=options.columns, holes=True, names=read_joint_names(options.robot))
+        logs, held = (list(map(read_one, paths)) for paths in (options.logs, options.hold_out or ()))
         tune_malloc()
         with show_progress(options.verbose) as progress:
-            found = diagnose(options.robot, logs, held, on_stage=progress)
+            found = diagnose(options.robot, logs, held, on_stage=progress, budget=budget)
             progress(Stage.REPORT)
             found.save(out, options.columns)
     said = write_verdict(found.content)

@@ -39,7 +39,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--separate", default="", metavar="A,B", help="effects, or effect@joint (default: every pair of the joint's)"
     )
-    p.add_argument("--joint", type=int, default=1, help="whose effects they are (default: 1)")
+    p.add_argument("--joint", default="1", help="number or name of the joint whose effects they are (default: 1)")
     p.add_argument("--duration", type=float, default=10.0, help="s (default: 10)")
     p.add_argument("--period", type=float, default=1e-3, help="from row to row, s (default: 0.001)")
     p.add_argument(
@@ -49,7 +49,7 @@ def add_parser(commands: Any) -> None:
         default=[],
         metavar="NAME=VALUE",
         help="narrower than the robot file's: position=LOW:HIGH, speed=, torque=, current=, each also with _1 for one "
-        "joint; the tip's workspace tip_x=LOW:HIGH, tip_y=LOW:HIGH",
+        "joint; the tip's workspace tip_x=LOW:HIGH, tip_y=, and in space tip_z=, where tip_z=0.1:inf is a floor",
     )
     p.add_argument("--out", type=Path, default=Path("reference.csv"), help=".csv or .parquet (default: reference.csv)")
     p.add_argument("--json", action="store_true", help="print the figures as JSON")

@@ -46,7 +46,9 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--with", dest="with_", type=Path, metavar="diagnosis.json", help="what hdagen diagnose wrote of this robot"
     )
-    p.add_argument("--into", type=Path, metavar="model.xml", help="of mjcf: correct this model and nothing else in it")
+    p.add_argument(
+        "--into", type=Path, metavar="model.xml", help="of mjcf and urdf: correct this model and nothing else in it"
+    )
     p.add_argument(
         "--joints", metavar="A,B,…", help="the joints' names in the other simulator, base first (default: robot file's)"
     )
@@ -96,10 +98,11 @@ def run(options: argparse.Namespace) -> int:
 def _read_proof(options: argparse.Namespace) -> ProofLog:
     """The log of the proof, before anything is built."""
     from hdagen.adoption.diagnosis_file import read_content
+    from hdagen.arm.joint_names import read_joint_names
     from hdagen.model_export.mujoco_proof import read_proof_log
 
     content = options.with_ and read_content(options.with_)
-    return read_proof_log(options.prove, content, options.closed_loop, options.columns)
+    return read_proof_log(options.prove, content, options.closed_loop, options.columns, read_joint_names(options.robot))
 
 
 def _print_json(options: argparse.Namespace, written: Exported) -> None:

@@ -58,23 +58,25 @@ def check_failure_options(options: argparse.Namespace, robots: Iterable[str]) ->
         raise PlantError("\n".join(problems))
 
 
-def _find_joints_of_effects(robots: Iterable[str]) -> dict[str, set[int]]:
-    """The joints at which some robot can have each effect; joint 0 is the whole arm."""
+def _find_joints_of_effects(robots: Iterable[str]) -> dict[str, set[str]]:
+    """The joints at which some robot can have each effect, by number and by name; joint 0 is the whole arm."""
     from hdagen.arm.compiled_arm import load
+    from hdagen.arm.joint_names import list_joint_names
 
-    found: dict[str, set[int]] = {}
+    found: dict[str, set[str]] = {}
     for robot in dict.fromkeys(robots):
         arm = load(robot, "native", ("all",))
-        joints = range(1, arm.n + 1)
-        for effect in arm.manifest["effects"]:
-            found.setdefault(effect["name"], set()).update(effect["joints"])
+        every = range(1, arm.n + 1)
+        joints = {effect["name"]: effect["joints"] for effect in arm.manifest["effects"]}
         springs = [name for name, traits in arm.effects.items() if traits.series_spring]  # "all" leaves these out
-        for name in (*springs, UNEXPLAINED):
-            found.setdefault(name, set()).update(joints)
+        names = ("", *list_joint_names(arm))
+        for name, numbers in (joints | dict.fromkeys((*springs, UNEXPLAINED), every)).items():
+            found.setdefault(name, set()).update(str(j) for j in numbers)
+            found[name].update(str(names[j]) for j in numbers if names[j])
     return found
 
 
-def _find_fault(given: str, joints: Mapping[str, set[int]]) -> str:
+def _find_fault(given: str, joints: Mapping[str, set[str]]) -> str:
     """The sentence on an effect that no robot can have; empty where one can."""
     from hdagen.support.messages import join_nearest_names, make_printable, suggest_name
 
@@ -83,7 +85,7 @@ def _find_fault(given: str, joints: Mapping[str, set[int]]) -> str:
         nearest = join_nearest_names([name], sorted(joints))
         meant = suggest_name(name, joints)
         return f"--fail-on {make_printable(given)}: no effect has this name{meant}; possible are {nearest}."
-    possible = [str(number) for number in sorted(joints[name])]
+    possible = sorted(joints[name])
     if "@" in given and joint not in possible:
         return (
             f"--fail-on {make_printable(given)}: {name} does not act there; possible is {name} at"
@@ -103,12 +105,15 @@ def find_met_conditions(options: argparse.Namespace, content: Mapping[str, Any])
         A sentence for each. A gap that could not be measured counts as too large: nothing says that it is small.
 
     """
+    from hdagen.arm.joint_names import number_effect
+
     bound, gap = options.fail_above, content["gap"]["before"]
     if bound is not None and gap is None:
         yield f"--fail-above {bound:g}: the gap of the robot file could not be measured on held-out motion."
     elif bound is not None and gap > bound:
         yield f"--fail-above {bound:g}: the gap of the robot file on held-out motion is {gap:.4g} times the noise."
     for given in dict.fromkeys(options.fail_on):
-        named = [entry for entry in content["verdict"] if given in (entry, entry.partition("@")[0])]
+        wanted = number_effect(given, content.get("joints", ()))
+        named = [entry for entry in content["verdict"] if wanted in (entry, entry.partition("@")[0])]
         if named:
             yield f"--fail-on {given}: the verdict names {', '.join(named)}."

@@ -94,6 +94,7 @@ def run(options: argparse.Namespace) -> int:
     """
     from hdagen.adoption import verdict
     from hdagen.adoption.diagnosis_file import read_content
+    from hdagen.arm.joint_names import read_joint_names
     from hdagen.diagnosis.data.held_out_rows import count_rows
     from hdagen.log.data_table import LogError
     from hdagen.log.measured_log import read, write
@@ -104,9 +105,10 @@ def run(options: argparse.Namespace) -> int:
     stated = options.with_ and verdict.read_verdict(options.with_)
     counted = options.rows_of and read_content(options.rows_of)
     laws = options.closed_loop and read_controller(options.closed_loop)
-    measured = read(
-        options.log, options.columns, holes=counted is not None
-    )  # before a model is compiled, which takes its time
+    names = () if options.built else read_joint_names(options.robot)
+    measured = read(  # before a model is compiled, which takes its time
+        options.log, options.columns, holes=counted is not None, names=names
+    )
     arm = _load_arm(options, stated)
     check_log_fits_arm(arm, measured)
     measured, notes, refusals = _repair_log(arm, measured, counted is not None)

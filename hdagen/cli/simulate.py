@@ -1,5 +1,5 @@
-"""`hdagen simulate`: a controller drives the compiled arm around a circle, or in space swings its joints, and is
-pushed; the log is written."""
+"""`hdagen simulate`: a controller drives the compiled arm along a path of the tip or the joints, and is pushed; the log
+is written."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdagen.cli.simulated_path import add_path_arguments, choose_posture, make_path, name_posture
+
 if TYPE_CHECKING:
     from hdagen.arm.compiled_arm import Arm
-    from hdagen.control.guarded_controller import Controller
-    from hdagen.control.reference_motion import Reference
-    from hdagen.simulation.simulator import Push, Simulation, SpacePush
+    from hdagen.simulation.simulator import Push, SpacePush
 
 SIMULATE_EXAMPLE = """example:
   hdagen simulate paper --controller admittance_cartesian --push 3 4 15 0 --push 6 7 0 15 --gain stiffness_x=800 --out
-  circle.parquet"""
+  circle.parquet
+  hdagen simulate panda --path lissajous --radius 0.1 --push 3 4 0 0 -15 --push 6 7 0 0 0 0 2 0"""
 
 CONTROLLERS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint", "mpc")
 
@@ -31,8 +32,8 @@ def add_parser(commands: Any) -> None:
     """
     p = commands.add_parser(
         "simulate",
-        help="drive the compiled arm around a circle, push it, and write the log",
-        description="A controller drives the compiled arm around a circle: dry friction, encoders, noise.",
+        help="drive the compiled arm along a path, push it, and write the log",
+        description="A controller drives the compiled arm along a path: dry friction, encoders, noise.",
         epilog=SIMULATE_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -41,7 +42,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--controller",
         choices=CONTROLLERS,
-        help="default: impedance_cartesian, and impedance_joint for an arm in space",
+        help="default: impedance_cartesian; impedance_joint for paths of the joints",
     )
     p.add_argument("--config", default=None, metavar="controller.toml", help="of --controller mpc: docs/guides/mpc.md")
     p.add_argument(
@@ -61,16 +62,7 @@ def add_parser(commands: Any) -> None:
         help="FROM TO FX FY (s, s, N, N); in space FROM TO FX FY FZ [MX MY MZ]; may be repeated",
     )
     p.add_argument("--seconds", type=float, default=10.0)
-    p.add_argument("--radius", type=float, default=0.05, help="of the circle, m")
-    p.add_argument(
-        "--center",
-        nargs=2,
-        type=float,
-        default=None,
-        metavar=("X", "Y"),
-        help="of the circle, m (default: two thirds of the reach)",
-    )
-    p.add_argument("--turn", type=float, default=5.0, help="seconds a turn")
+    add_path_arguments(p)
     p.add_argument(
         "--safe", choices=("zero", "damping"), default="damping", help="what the controller does after a fault"
     )
@@ -105,6 +97,7 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.control.guarded_controller import Controller
     from hdagen.log.data_table import find_write_problems
     from hdagen.log.measured_log import write
+    from hdagen.simulation.closed_loop_figures import summarize_run
     from hdagen.simulation.simulated_sensors import Sensors
     from hdagen.simulation.simulator import run as simulate
 
@@ -115,11 +108,13 @@ def run(options: argparse.Namespace) -> int:
     if options.config:
         raise PlantError("--config is of the predictive controller; take --controller mpc, or leave it out.")
     gains = _parse_gains(options.gain)
-    arm = Arm(options.robot) if options.built else load(options.robot, profile=options.profile, in_space=True)
-    law = options.controller or ("impedance_joint" if arm.moves_in_space else "impedance_cartesian")
+    arm = Arm(options.robot) if options.built else load(options.robot, profile=options.profile)
     guard = Guard(Safe[options.safe.upper()], safe_damping=_choose_damping(arm))
+    posture = choose_posture(arm, options)
+    path = make_path(arm, options, posture, guard.period)
+    law = options.controller or {"tip": "impedance_cartesian", "joint": "impedance_joint"}[path.space]
     controller = Controller(arm, law, guard, gains)
-    path = _make_path(options, arm, controller.guard.period)
+    controller.configure(guard, name_posture(arm, tuple(controller.gains), posture) | gains)
     pushes = _read_pushes(options.push)
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("simulating", total=len(path.position))
@@ -128,26 +123,15 @@ def run(options: argparse.Namespace) -> int:
             bar.update(task, completed=done)
 
         sensors = Sensors(delay=options.delay)
-        result = simulate(arm, controller, path, pushes, sensors, options.seed, progress=progress)
+        result = simulate(arm, controller, path, pushes, sensors, options.seed, posture, progress)
     write(result.log, options.out)
-    figures = {"log": str(options.out), "rows": len(result.log), **_summarize_run(arm, controller, path, result)}
+    figures = {"log": str(options.out), "rows": len(result.log), **summarize_run(arm, controller, path, result)}
     if options.json:
         print(json.dumps(figures, indent=1))
     else:
         print(f"{options.out}: {figures['rows']} rows of {arm.robot['name']} under {law}")
         _print_figures(figures)
     return 0
-
-
-def _make_path(options: argparse.Namespace, arm: Arm, period: float) -> Reference:
-    from hdagen.control.joint_swing import swing_joints
-    from hdagen.control.reference_motion import circle
-
-    if arm.moves_in_space:
-        return swing_joints(arm, options.turn, options.seconds, period)
-    reach = sum(joint["length"]["nominal"] for joint in arm.robot["joints"])
-    center = tuple(options.center or (2 * reach / 3, 0.0))
-    return circle(options.radius, center, options.turn, options.seconds, period)
 
 
 def _simulate_predictive(options: argparse.Namespace) -> int:
@@ -169,9 +153,12 @@ def _simulate_predictive(options: argparse.Namespace) -> int:
     if options.built:
         raise PlantError("--built is of the other controllers; the predictive one is built for its configuration.")
     arm = load(options.robot, profile=options.profile, mpc=c)
-    path = _make_path(options, arm, float(c["mpc.period"]))
-    if c["mpc.space"] == "joint":
-        path = convert_to_joint_motion(arm, path, [0.6] * arm.n)
+    posture = choose_posture(arm, options)
+    path = make_path(arm, options, posture, float(c["mpc.period"]))
+    if c["mpc.space"] == "joint" and path.space == "tip":
+        path = convert_to_joint_motion(arm, path, posture)
+    if c["mpc.space"] != path.space:
+        raise PlantError("the path is of the joints and mpc.space of the configuration is tip; make them equal.")
     pushes = [push for push in _read_pushes(options.push) if isinstance(push, Push)]
     if len(pushes) < len(options.push):
         raise PlantError("--push takes FROM TO FX FY with --controller mpc.")
@@ -229,40 +216,15 @@ def _parse_gains(given: list[str]) -> dict[str, float]:
     return gains
 
 
-def _summarize_run(arm: Arm, controller: Controller, path: Reference, result: Simulation) -> dict[str, Any]:
-    import numpy as np
-
-    from hdagen.simulation.simulator import simulate_ideal_admittance
-
-    against, goal, shown = "the circle", path.position, result.tip
-    if path.space == "joint":
-        against = "the joints' motion"
-        shown = result.state[:, [arm.index(f"joint_position_{j + 1}") for j in range(arm.n)]]
-    if "mass_x" in controller.gains:
-        against = "the ideal mass-damper-spring motion"
-        goal = goal + simulate_ideal_admittance(arm, controller, result.push, path.period)
-    gap = np.linalg.norm(shown - goal, axis=1)
-    refused, first = result.status[result.status < 0], None
-    if len(refused):
-        first = controller.sentence(int(refused[0]))
-    return {
-        "against": against,
-        "largest_gap": float(gap.max()),
-        "rms_gap": float(np.sqrt(np.mean(gap**2))),
-        "largest_ideal_displacement": float(np.linalg.norm(goal - path.position, axis=1).max()),
-        "ticks_limited": int((result.status > 0).sum()),
-        "ticks_refused": len(refused),
-        "first_refusal": first,
-        "rows_beyond_spring_law": result.beyond_law,
-    }
-
-
 def _print_figures(figures: dict[str, Any]) -> None:
     largest, rms = 1e3 * figures["largest_gap"], 1e3 * figures["rms_gap"]
     what, unit = "tip", "mm"
     if figures["against"] == "the joints' motion":
         what, unit = "joints", "mrad"
     print(f"{what} against {figures['against']}: {largest:.2f} {unit} at most, {rms:.2f} {unit} rms")
+    if "largest_turn_gap" in figures:
+        largest, rms = 1e3 * figures["largest_turn_gap"], 1e3 * figures["rms_turn_gap"]
+        print(f"its orientation: {largest:.2f} mrad at most, {rms:.2f} mrad rms")
     why = ""
     if figures["ticks_refused"]:
         why = f": {figures['first_refusal']}"

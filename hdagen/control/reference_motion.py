@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
+from hdagen.control.pose_kinematics import count_followed_directions, solve_tip_pose
 
 MOST_REFERENCE_ROWS = 10**8
 TIP_TOLERANCE = 1e-10  # m, of the inverse kinematics
@@ -19,6 +21,9 @@ MOST_KINEMATICS_STEPS = 60  # Newton steps of the inverse kinematics
 @dataclass(frozen=True)
 class Reference:
     """A motion at every tick, of the tip (k = 2, m) or of the joints (k = n, rad or m).
+
+    Of a tip in space k = 6: its position, m, and the rotation vector of its orientation, rad; velocity and
+    acceleration hold the angular ones, rad/s and rad/s², all in the base frame.
 
     Attributes:
         space: "tip" or "joint".
@@ -62,6 +67,45 @@ def compute_smooth_step(share: ArrayLike) -> tuple[Array, Array, Array]:
     return s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
 
 
+def check_sizes(sizes: Mapping[str, float], motion: str) -> None:
+    """Check the numbers of a motion: positive, finite, and together a possible number of rows.
+
+    Args:
+        sizes: The numbers by name, ``seconds`` and ``period`` among them.
+        motion: The motion's name in a sentence.
+
+    Raises:
+        PlantError: A number is not possible.
+
+    """
+    if wrong := [f"{name} {value}" for name, value in sizes.items() if not 0 < value < np.inf]:
+        raise PlantError(f"{motion} needs positive, finite numbers; found {', '.join(wrong)}.")
+    seconds, period = sizes["seconds"], sizes["period"]
+    if not 0.5 < seconds / period <= MOST_REFERENCE_ROWS:
+        raise PlantError(f"{seconds} s in periods of {period} s make no motion of 1 to {MOST_REFERENCE_ROWS:g} rows.")
+
+
+def advance_phase(turn: float, seconds: float, period: float, start: float = 1.0) -> tuple[Array, Array, Array]:
+    """Advance a phase from rest to full speed without a jump in acceleration.
+
+    Args:
+        turn: The time of one turn at full speed, s.
+        seconds: The length of the motion, s.
+        period: The time between ticks, s.
+        start: The time until full speed, s.
+
+    Returns:
+        (T) each, the phase, rad, and its first and second derivative by time.
+
+    """
+    t = np.arange(round(seconds / period)) * period
+    s = np.clip(t / start, 0, 1)
+    w = 2 * np.pi / turn
+    angle = w * np.where(t < start, start * (2.5 * s**4 - 3 * s**5 + s**6), t - start / 2)
+    share, slope, _ = compute_smooth_step(s)
+    return angle, w * share, w * slope / start
+
+
 def circle(
     radius: float, center: tuple[float, float], turn: float, seconds: float, period: float = 1e-3, start: float = 1.0
 ) -> Reference:
@@ -83,19 +127,10 @@ def circle(
 
     """
     sizes = {"radius": radius, "turn": turn, "seconds": seconds, "period": period, "start": start}
-    if wrong := [f"{name} {value}" for name, value in sizes.items() if not 0 < value < np.inf]:
-        raise PlantError(f"a circle needs positive, finite numbers; found {', '.join(wrong)}.")
+    check_sizes(sizes, "a circle")
     if np.shape(center) != (2,) or not np.isfinite(center).all():
         raise PlantError(f"the circle's center is a finite point (x, y), m, not {center}.")
-    if not 0.5 < seconds / period <= MOST_REFERENCE_ROWS:
-        raise PlantError(f"{seconds} s in periods of {period} s make no motion of 1 to {MOST_REFERENCE_ROWS:g} rows.")
-    t = np.arange(round(seconds / period)) * period
-    s = np.clip(t / start, 0, 1)
-    w = 2 * np.pi / turn
-    rising = t < start
-    angle = w * np.where(rising, start * (2.5 * s**4 - 3 * s**5 + s**6), t - start / 2)
-    share, slope, _ = compute_smooth_step(s)
-    rate, change = w * share, w * slope / start
+    angle, rate, change = advance_phase(turn, seconds, period, start)
     out, along = np.c_[np.cos(angle), np.sin(angle)], np.c_[-np.sin(angle), np.cos(angle)]
     velocity = radius * rate[:, None] * along
     acceleration = radius * (change[:, None] * along - rate[:, None] ** 2 * out)
@@ -107,7 +142,7 @@ def solve_inverse_kinematics(arm: Arm, point: ArrayLike, near: ArrayLike) -> Arr
 
     Args:
         arm: The arm.
-        point: (2), the point, m.
+        point: (2), the point, m; in space (6), a pose (`hdagen.control.pose_kinematics`).
         near: (n), joint positions next to the solution.
 
     Returns:
@@ -117,6 +152,8 @@ def solve_inverse_kinematics(arm: Arm, point: ArrayLike, near: ArrayLike) -> Arr
         PlantError: The tip does not reach the point, or a number is not finite.
 
     """
+    if arm.moves_in_space:
+        return solve_tip_pose(arm, point, near)
     goal, q = np.asarray(point, float), np.array(near, float)
     if goal.shape != (2,) or q.shape != (arm.n,):
         raise PlantError(f"posture takes a point (x, y) and {arm.n} joint positions.")
@@ -156,10 +193,11 @@ def convert_to_joint_motion(arm: Arm, reference: Reference, near: ArrayLike) -> 
     for k, point in enumerate(reference.position):
         q = solve_inverse_kinematics(arm, point, q)
         positions[k] = q
+    rows = count_followed_directions(arm) if arm.moves_in_space else 2
     at_rest = arm.evaluate("tip_jacobian", q=positions, v=np.zeros(arm.n))
-    J = at_rest["J"].reshape(-1, arm.n, 2).transpose(0, 2, 1)
+    J = at_rest["J"].reshape(len(positions), arm.n, -1).transpose(0, 2, 1)[:, :rows]
     back = np.linalg.pinv(J)
-    v = np.einsum("tij,tj->ti", back, reference.velocity)
-    turn = arm.evaluate("tip_jacobian", q=positions, v=v)["Jdot_v"]
-    a = np.einsum("tij,tj->ti", back, reference.acceleration - turn)
+    v = np.einsum("tij,tj->ti", back, reference.velocity[:, :rows])
+    turn = arm.evaluate("tip_jacobian", q=positions, v=v)["Jdot_v"][:, :rows]
+    a = np.einsum("tij,tj->ti", back, reference.acceleration[:, :rows] - turn)
     return Reference("joint", reference.period, positions, v, a)

@@ -213,8 +213,8 @@ def _joint_torque(profile: LogProfile, arm: Arm, moving: SmoothedMotion) -> np.n
             q[:, j - 1] = np.mean(log[position])
         else:
             q[:, j - 1] = np.mean(log[f"motor_position_{j}"]) / ratio
-    force = np.zeros((len(moving.grid.time), 2))
-    for k, name in enumerate(("tip_force_x", "tip_force_y")):
+    force = np.zeros((len(moving.grid.time), arm.nu - arm.n))
+    for k, name in enumerate(arm.input_names[arm.n :]):
         if name in log:
             force[:, k] = profile.smooth_channel(name)
     return arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=force)["joint_torque"]

@@ -18,7 +18,8 @@ from hdagen.control.guard_limits import Guard, Safe
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle
 from hdagen.demo.leg_diagnosis import LegDiagnosis, diagnose_leg, summarize_leg
-from hdagen.simulation.simulator import Push, Simulation, run, simulate_ideal_admittance
+from hdagen.simulation.ideal_admittance import simulate_ideal_admittance
+from hdagen.simulation.simulator import Push, Simulation, run
 
 ROBOT = "paper"
 DEMO_LAWS = ("impedance_cartesian", "admittance_cartesian")
@@ -124,7 +125,7 @@ def follow_circle(arm: Arm, law: str, gains: Mapping[str, float] | None = None, 
         reference,
         result,
         result.tip - reference.position,
-        simulate_ideal_admittance(arm, controller, result.push, reference.period),
+        simulate_ideal_admittance(controller, result.push, reference.period),
         points,
         fault,
     )

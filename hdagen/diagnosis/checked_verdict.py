@@ -19,6 +19,7 @@ from hdagen.diagnosis.long_horizon import search_long_horizon
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.diagnosis.stages.stage import Stage, StageListener
+from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.log.data_table import LogError
 
 
@@ -49,6 +50,7 @@ def check_on_holdout(
     scores: Decision,
     direct: Sequence[DirectEvidence],
     unseen: HoldoutMotion,
+    budget: TimeBudget,
     on_stage: StageListener,
 ) -> CheckedVerdict:
     """Check a decision on held-out motion.
@@ -62,6 +64,7 @@ def check_on_holdout(
         scores: the decision by the fitted motion.
         direct: effects with direct evidence.
         unseen: the held-out motion.
+        budget: the time of the diagnosis.
         on_stage: receives each stage as it begins.
 
     Returns:
@@ -72,7 +75,7 @@ def check_on_holdout(
         PlantError: a model cannot be simulated.
 
     """
-    attempts = Attempts()
+    attempts = Attempts(budget)
     scores = _check_robot(scores, data)
     contradiction, judged, measured = None, unseen, unseen
     if data.holdout:
@@ -108,4 +111,4 @@ def _search_long_windows(
     """The decision of a search over long windows, for one that names something unknown; None where it finds nothing."""
     on_stage(Stage.LONG_HORIZON)
     work = partial(search_long_horizon, strange, search, models.full, data.fitted, data.window, direct)
-    return attempts.attempt("the search over long windows", work, None)
+    return attempts.attempt_in_time("the search over long windows", work, None)

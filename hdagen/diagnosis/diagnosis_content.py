@@ -74,6 +74,7 @@ def describe_diagnosis(
         "as_good_as_it_gets": explained.is_as_good_as_it_gets,
         "moments": explained.moments,
         "control": explained.control,
+        "not_tried": list(explained.not_tried),
         "robot": _describe_robot(models),
         "joints": [joint.get("name") for joint in models.nominal.robot["joints"]],
         "settings": record_settings(),

@@ -11,7 +11,7 @@ from hdagen.adoption.verdict import Verdict, apply_verdict
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.checked_verdict import CheckedVerdict
-from hdagen.diagnosis.data.gap import compute_gap_bounds
+from hdagen.diagnosis.data.held_out_gap import compute_gap_bounds
 from hdagen.diagnosis.data.models import Models
 from hdagen.diagnosis.data.prepared_data import PreparedData
 from hdagen.diagnosis.data.split import LogPortion
@@ -25,6 +25,7 @@ from hdagen.diagnosis.residuals.localization import localize_gap
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque, see_residual_torque
 from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.diagnosis.stages.stage import Stage, StageListener
+from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.log.measured_log import Log
 
 Entries = Sequence[Mapping[str, Any]]  # of a list in diagnosis.json
@@ -62,7 +63,8 @@ class Explanation:
         residual_torque: the held-out motion through the models before and after the verdict.
         where: of diagnosis.json: where and when the gap lies; None where that could not be found.
         control: of diagnosis.json: controllers before and after the verdict; None where no effect is named.
-        failures: a sentence for each stage that was left out.
+        failures: a sentence for each stage that failed.
+        not_tried: of diagnosis.json: parts that were left out because the time was up.
 
     """
 
@@ -76,10 +78,11 @@ class Explanation:
     where: Entries | None
     control: Mapping[str, Any] | None
     failures: tuple[str, ...]
+    not_tried: Entries
 
 
 def explain_verdict(
-    models: Models, data: PreparedData, checked: CheckedVerdict, on_stage: StageListener
+    models: Models, data: PreparedData, checked: CheckedVerdict, budget: TimeBudget, on_stage: StageListener
 ) -> Explanation:
     """Explain a verdict: what else it may be, what remains, and where and when the gap lies.
 
@@ -87,6 +90,7 @@ def explain_verdict(
         models: of the robot.
         data: of the diagnosis.
         checked: the verdict after its check on held-out motion.
+        budget: the time of the diagnosis.
         on_stage: receives each stage as it begins.
 
     Returns:
@@ -96,7 +100,7 @@ def explain_verdict(
         PlantError: the model with the verdict cannot be simulated.
 
     """
-    attempts, statement, motion = Attempts(), checked.settled.statement, checked.motion
+    attempts, statement, motion = Attempts(budget), checked.settled.statement, checked.motion
     confirmed, log = statement.confirmed, motion.portion.log
     on_stage(Stage.ALTERNATIVES)
     alternatives = rank_alternatives(checked, attempts)
@@ -111,7 +115,7 @@ def explain_verdict(
     where = attempts.attempt("where and when", partial(localize_gap, sight, effects, motion.portion.rows), None)
     return Explanation(
         effects=effects,
-        is_sure=alternatives.is_sure and bool(effects or not moments),
+        is_sure=alternatives.is_sure and bool(effects or not moments) and not budget.not_tried,
         alternatives=alternatives,
         remainders=remainders,
         is_as_good_as_it_gets=good,
@@ -120,6 +124,7 @@ def explain_verdict(
         where=where,
         control=_compare_control(models.nominal, confirmed.arm, stated_verdict, log),
         failures=tuple(attempts.failures),
+        not_tried=budget.describe_untried(),
     )
 
 
@@ -139,9 +144,9 @@ def rank_alternatives(checked: CheckedVerdict, attempts: Attempts) -> Alternativ
     replays = motion.before, confirmed.after, motion.portion, motion.simulate
     stated_verdict = replace(statement.stated, names=confirmed.effects).build_verdict(confirmed.base_parameters)
     rank_nuisances = partial(rank_nuisance_effects, decision.best, stated_verdict, *replays)
-    nuisances = attempts.attempt("the nuisance effects", rank_nuisances, nothing)
+    nuisances = attempts.attempt_in_time("the nuisance effects", rank_nuisances, nothing)
     rank = partial(rank_hypotheses, decision, confirmed.effects, *replays)
-    ranking = attempts.attempt("the ranking", rank, nothing)
+    ranking = attempts.attempt_in_time("the ranking", rank, nothing)
     gap = {**confirmed.gap, **compute_gap_bounds(confirmed.gap, ranking, nuisances)}
     others = [gap["flexible"], *(one["gap"] for one in ranking)]
     sure = decision.is_sure and not confirmed.is_withdrawn

@@ -119,7 +119,7 @@ def explain_narrow_limits(
     takes = []
     for name, share in find_least_shares(arm, limits, shapes, center, period, joints).items():
         if LIMIT_MARGIN < share < np.inf:
-            noun, span, unit = _describe_limit(arm, limits, name)
+            noun, span, unit = _describe_limit(arm, limits, center, name)
             takes.append(f"{noun} of at least {span * share / LIMIT_MARGIN:.2g} {unit} ({span:.2g} is given)")
     if not takes:
         return f"the limits admit no motion ({'; '.join(whys)}); widen them, or move elsewhere."
@@ -129,12 +129,16 @@ def explain_narrow_limits(
     )
 
 
-def _describe_limit(arm: Arm, limits: MotionLimits, name: str) -> tuple[str, float, str]:
+def _describe_limit(arm: Arm, limits: MotionLimits, center: Array, name: str) -> tuple[str, float, str]:
     """A limit in words, its size and its unit."""
     kind, _, number = name.rpartition("_")
     if kind == "tip":
-        low, high = limits.tip["xy".index(number)]
-        return f"a range of {name}", high - low, "m"
+        k = "xyz".index(number)
+        low, high = limits.tip[k]
+        if np.isfinite(high - low):
+            return f"a range of {name}", high - low, "m"
+        away = np.abs(limits.tip[k] - arm.evaluate("points", q=center)["points"][k - arm.dimensions]).min()
+        return f"a way to the limit of {name}", float(away), "m"
     j = int(number) - 1
     unit = find_limit_units(arm, j)[kind]
     if kind == "position":

@@ -11,7 +11,9 @@ import numpy as np
 from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
+from hdagen.arm.joint_names import list_joint_names, number_joint
 from hdagen.arm.ratings import compute_rated_torque, compute_torque_per_input
+from hdagen.support.messages import join_names
 
 GRAVITY_SHARE = 0.6  # of torque and current that gravity may take in the middle posture
 ASSUMED_LIMITS = {"revolute": (0.5, 1.0), "prismatic": (0.05, 0.2)}  # to each side of the start, rad (m); rad/s (m/s)
@@ -21,7 +23,8 @@ START_ANGLE = 0.6  # rad: where a joint without a range starts; of a prismatic o
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
     """Limits of a motion: position (n, 2) rad or m; speed (n); torque (n) at the joint, N m; current (n) in the motors'
-    unit of input; tip (2, 2) m, of x and y in the base frame. ``notes``: the assumed ones, in sentences."""
+    unit of input; tip (2, 2), or (3, 2) in space, m, of x, y and z in the base frame, infinite where there is none.
+    ``notes``: the assumed ones, in sentences."""
 
     position: Array
     speed: Array
@@ -36,8 +39,9 @@ def narrow_limits(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None
 
     Args:
         arm: The arm.
-        given: Narrower limits by name: position[_j], tip_x, tip_y (low, high), speed[_j], torque[_j], current[_j]
-            (one number), each of all joints or of joint j.
+        given: Narrower limits by name: position[_j], tip_x, tip_y and in space tip_z (low, high; of the tip one of
+            them may be infinite), speed[_j], torque[_j], current[_j] (one number), each of all joints or of joint j,
+            which is a number or a name.
 
     Returns:
         The limits.
@@ -50,27 +54,25 @@ def narrow_limits(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None
     position, tip = stated.position.copy(), stated.tip.copy()
     most = {"speed": stated.speed.copy(), "torque": stated.torque.copy(), "current": stated.current.copy()}
     problems: list[str] = []
+    tips = name_tip_limits(arm)
     for name, values in (given or {}).items():
-        kind, number = name, ""
-        if name[-1:].isdigit():
-            kind, _, number = name.rpartition("_")
-        if name in ("tip_x", "tip_y"):
-            kind = "tip"
+        kind, number = _split_limit_name(arm, name)
         if kind not in ("position", "tip", *most) or (number and not 1 <= int(number) <= arm.n):
             problems.append(
                 f"--limits {name}: no such limit; there are position, speed, torque, current (of all joints, or _1 to "
-                f"_{arm.n} of one), tip_x and tip_y."
+                f"_{arm.n} or _name of one), {join_names(tips)}."
             )
             continue
         ranged, possible = kind in ("position", "tip"), "one number"
         if ranged:
             possible = "LOW:HIGH, low first"
-        if len(values) != 1 + ranged or not np.isfinite(values).all() or (ranged and not values[0] < values[1]):
+        is_finite = np.isfinite(values).sum() >= len(values) - (kind == "tip")  # a wall on one side is possible
+        if len(values) != 1 + ranged or not is_finite or (ranged and not values[0] < values[1]):
             problems.append(f"--limits {name}: give {possible}.")
         elif not ranged and not values[0] > 0:
             problems.append(f"--limits {name}={values[0]:g}: admits no motion; give a number above 0.")
         elif kind == "tip":
-            tip["xy".index(name[-1])] = values
+            tip[tips.index(name)] = values
         else:
             chosen = list(range(arm.n))
             if number:
@@ -81,6 +83,28 @@ def narrow_limits(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None
     if problems:
         raise PlantError("\n".join(problems))
     return MotionLimits(position, most["speed"], most["torque"], most["current"], tip, tuple(assumed.values()))
+
+
+def name_tip_limits(arm: Arm) -> list[str]:
+    """Name the limits of the tip's position, one an axis.
+
+    Args:
+        arm: The arm.
+
+    Returns:
+        The names.
+
+    """
+    return [f"tip_{axis}" for axis in "xyz"[: arm.dimensions]]
+
+
+def _split_limit_name(arm: Arm, name: str) -> tuple[str, str]:
+    """The kind of a limit and the number of its joint; empty where it is of all joints or of the tip."""
+    if name in name_tip_limits(arm):
+        return "tip", ""
+    kind, _, joint = name.partition("_")
+    number = number_joint(joint, list_joint_names(arm))
+    return (kind, number) if number.isdecimal() else (name, "")
 
 
 def _narrow_joint_limit(
@@ -147,7 +171,7 @@ def _read_stated_limits(arm: Arm) -> tuple[MotionLimits, dict[tuple[str, int], s
                     f"{kind} of joint {j + 1}: no limit is stated; {without:.3g} {unit[kind]} is assumed."
                 )
     return MotionLimits(
-        position, most["speed"], most["torque"], most["current"], np.array([[-np.inf, np.inf]] * 2)
+        position, most["speed"], most["torque"], most["current"], np.array([[-np.inf, np.inf]] * arm.dimensions)
     ), assumed
 
 
@@ -175,11 +199,12 @@ def choose_middle_posture(arm: Arm, limits: MotionLimits) -> Array:
         np.maximum(held / limits.torque, held / (ratio * compute_torque_per_input(arm) * limits.current)).max(1)
         / GRAVITY_SHARE
     )
-    tip = arm.evaluate("points", q=tried)["points"][:, -2:]
+    tip = arm.evaluate("points", q=tried)["points"][:, -arm.dimensions :]
     inside = np.minimum(tip - limits.tip[:, 0], limits.tip[:, 1] - tip).min(1)
     able = np.flatnonzero((load < 1) & (inside > 0))
     if not len(able):
-        why = f"in none of {len(tried)} postures within the joints' ranges is the tip inside tip_x and tip_y"
+        tips = join_names(name_tip_limits(arm))
+        why = f"in none of {len(tried)} postures within the joints' ranges is the tip inside {tips}"
         if (inside > 0).any():
             lightest = 100 * GRAVITY_SHARE * load[inside > 0].min()
             why = f"gravity alone takes {lightest:.0f} % of torque or current in the lightest posture"

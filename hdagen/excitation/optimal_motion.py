@@ -20,6 +20,7 @@ from scipy.special import logsumexp
 from hdagen.arm.arrays import Array, is_number
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
+from hdagen.arm.joint_names import list_joint_names, number_effect, number_joint
 from hdagen.control.reference_motion import Reference
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion
@@ -121,7 +122,7 @@ class Excitation:
 def excite(
     arm: Arm,
     separate: Sequence[str] = (),
-    joint: int = 1,
+    joint: int | str = 1,
     duration: float = 10.0,
     period: float = 1e-3,
     limits: Mapping[str, tuple[float, ...]] | None = None,
@@ -132,7 +133,7 @@ def excite(
     Args:
         arm: An arm that was built with all effects.
         separate: Names of effects of ``joint``, or name@joint; none: every pair of the joint's effects.
-        joint: Number of the joint, from 1.
+        joint: Number of the joint, from 1, or its name.
         duration: Length of the motion, s.
         period: Time from row to row, s.
         limits: Narrower limits, as `motion_limits.narrow_limits` takes them.
@@ -179,7 +180,9 @@ def excite(
     return Excitation(effects, tuple(tried), bounds)
 
 
-def _choose_effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, period: float) -> tuple[str, ...]:
+def _choose_effects(
+    arm: Arm, separate: Sequence[str], joint: int | str, duration: float, period: float
+) -> tuple[str, ...]:
     """The effects to separate as name@joint. Raises PlantError with every problem."""
     problems = []
     for name, value, (low, high) in (("duration", duration, DURATION_RANGE), ("period", period, PERIOD_RANGE)):
@@ -190,16 +193,19 @@ def _choose_effects(arm: Arm, separate: Sequence[str], joint: int, duration: flo
             f"the motion has {duration / period:.0f} rows; possible are {MOST_MOTION_ROWS}: make it shorter, or"
             " coarser."
         )
-    if not 1 <= joint <= arm.n:
-        problems.append(f"--joint {joint}: the robot has joints 1 to {arm.n}.")
+    names = list_joint_names(arm)
+    own = number_joint(str(joint), names)
+    if own not in map(str, range(1, arm.n + 1)):
+        named = "".join(f", {name}" for name in names if name)
+        problems.append(f"--joint {joint}: the robot has joints 1 to {arm.n}{named}.")
         raise PlantError("\n".join(problems))
     there = [atom.name for atom in build_candidates(arm, InitialGuess({}, {}, {})).members]
-    here = sorted({name for name in there if name.endswith((f"@{joint}", "@0"))})
+    here = sorted({name for name in there if name.endswith((f"@{own}", "@0"))})
     found = []
     for name in separate:
-        options = [f"{name}@{joint}", f"{name}@0"]
+        options = [f"{name}@{own}", f"{name}@0"]
         if "@" in name:
-            options = [name]
+            options = [number_effect(name, names)]
         known = [option for option in options if option in there]
         if not known:
             problems.append(

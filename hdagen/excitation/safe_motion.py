@@ -15,7 +15,7 @@ from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.control.guard_limits import Guard, Safe
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference
-from hdagen.excitation.motion_limits import MotionLimits
+from hdagen.excitation.motion_limits import MotionLimits, name_tip_limits
 from hdagen.excitation.motion_shapes import MotionShape
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Simulation, run
@@ -83,8 +83,8 @@ def compute_limit_shares(arm: Arm, limits: MotionLimits, run: Simulation, curren
         current: Current, or the motors' own unit of input, (T, n).
 
     Returns:
-        Shares by name of the limit; of a range, the distance from its middle. Where the controller or the simulation
-        failed, "controller" is infinite.
+        Shares by name of the limit; of a range, the distance from its middle, and of a wall on one side, the share of
+        the way to it from where the run began. Where the controller or the simulation failed, "controller" is infinite.
 
     """
     if (run.status < 0).any() or not np.isfinite(run.state).all():
@@ -99,11 +99,18 @@ def compute_limit_shares(arm: Arm, limits: MotionLimits, run: Simulation, curren
         "current": np.abs(current) / limits.current,
     }
     found = {f"{kind}_{j + 1}": float(share[:, j].max()) for kind, share in reached.items() for j in range(arm.n)}
-    for axis, (low, high) in zip("xy", limits.tip, strict=True):
-        if np.isfinite([low, high]).all():
-            tip = run.tip[:, "xy".index(axis)]
-            found[f"tip_{axis}"] = float(np.abs(tip - (low + high) / 2).max() / ((high - low) / 2))
+    for name, bounds, tip in zip(name_tip_limits(arm), limits.tip, run.tip.T, strict=True):
+        if np.isfinite(bounds).any():
+            found[name] = float(_measure_tip_share(tip, bounds).max())
     return found
+
+
+def _measure_tip_share(tip: Array, bounds: Array) -> Array:
+    """The shares of a range, or of the way to a wall on one side, that a coordinate of the tip (T,) takes up."""
+    if np.isfinite(bounds).all():
+        return np.asarray(np.abs(tip - bounds.mean()) / (np.ptp(bounds) / 2))
+    wall = bounds[np.isfinite(bounds)][0]
+    return np.asarray((tip - tip[0]) / (wall - tip[0]))
 
 
 def follow_reference(

@@ -57,6 +57,7 @@ def diagnose_machine(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[
 
     """
     from hdagen.arm.build_loader import PlantError
+    from hdagen.arm.joint_names import read_joint_names
     from hdagen.diagnosis.pipeline import diagnose
     from hdagen.log.column_map import ColumnsError
     from hdagen.log.data_table import LogError
@@ -64,11 +65,12 @@ def diagnose_machine(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[
     from hdagen.support.heap_memory import tune_malloc
 
     def read_as(name: str) -> Log:
-        return replace(read(folder.inputs[name], columns=columns, holes=True), source=folder.labels[name])
+        return replace(read(folder.inputs[name], columns=columns, holes=True, names=names), source=folder.labels[name])
 
     columns = folder.inputs.get(_COLUMNS_FILE)
     robot = folder.inputs.get(parameters["robot"], parameters["robot"])
     tune_malloc()
+    names = read_joint_names(robot)
     try:
         held = [read_as(parameters[name]) for name in ("hold_out",) if name in parameters]
         found = diagnose(robot, [read_as(parameters["log"])], held)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -73,6 +74,25 @@ def split_column_name(name: str) -> tuple[str, int] | None:
     return None
 
 
+def number_column(name: str, joints: Sequence[str | None]) -> str:
+    """Give the number of the joint in place of its name in the name of a column.
+
+    Args:
+        name: The column's name, as "motor_torque_elbow_joint".
+        joints: Names of the robot's joints, None where one has no name.
+
+    Returns:
+        The name that a log's column has, as "motor_torque_3"; another name as it is.
+
+    """
+    if split_column_name(name) is None:
+        for quantity in sorted(COLUMN_UNITS, key=len, reverse=True):
+            joint = name.removeprefix(f"{quantity}_")
+            if joint != name and joint in joints:
+                return f"{quantity}_{joints.index(joint) + 1}"
+    return name
+
+
 def name_command_channel(measured: str) -> str:
     """Name the command channel of a measured input.
 
@@ -134,12 +154,16 @@ class MappedColumns:
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """A columns.toml, checked. Columns of the log that already have a contract name need no entry."""
+    """A columns.toml, checked. Columns of the log that already have a contract name need no entry.
+
+    ``joints``: names of the robot's joints, which may stand in the names of columns in place of their numbers.
+    """
 
     sources: dict[str, ColumnSource]
     ignore: tuple[str, ...] = ()
     frame: ForceFrame | None = None
     path: Path | None = None
+    joints: tuple[str | None, ...] = ()
 
     @cached_property
     def _foreign_columns(self) -> frozenset[str]:
@@ -157,8 +181,9 @@ class ColumnMap:
             Whether a table of columns.toml takes it, or it has a log's name and is not ignored.
 
         """
+        column = number_column(name, self.joints)
         return name in self._foreign_columns or (
-            split_column_name(name) is not None and name not in self.ignore and name not in self.sources
+            split_column_name(column) is not None and name not in self.ignore and column not in self.sources
         )
 
     def apply(self, table: Table) -> MappedColumns:
@@ -174,14 +199,9 @@ class ColumnMap:
             ColumnsError: Columns are missing or differ in length; every problem is listed.
 
         """
-        own = {
-            name: ColumnSource(name, name)
-            for name in table.columns
-            if self.needs_column(name) and split_column_name(name)
-        }
-        own = {name: source for name, source in own.items() if name not in self.sources}
+        own, problems = self._find_own_columns(table)
         sources = self.sources | own
-        problems = self._absent_columns(sources, table)
+        problems += self._absent_columns(sources, table)
         lengths = {
             name: len(table.columns[name])
             for s in sources.values()
@@ -205,6 +225,20 @@ class ColumnMap:
         start = max((_find_known_rows(sources[n], v)[0] for n, v in converted.items()), default=0)
         stop = min((_find_known_rows(sources[n], v)[1] for n, v in converted.items()), default=rows)
         return MappedColumns(converted.pop("time", None), converted, start, max(start, stop), tuple(notes))
+
+    def _find_own_columns(self, table: Table) -> tuple[dict[str, ColumnSource], list[str]]:
+        """The columns of a table that have a log's names already, and a sentence for each that is there twice."""
+        own: dict[str, ColumnSource] = {}
+        problems = []
+        for read in table.columns:
+            name = number_column(read, self.joints)
+            if split_column_name(name) is None or not self.needs_column(read) or name in self.sources:
+                continue
+            if name in own:
+                both = f"{own[name].foreign_column} and {read}"
+                problems.append(f"{self.path or 'the log'}: {both} are the same column; ignore one of them.")
+            own[name] = ColumnSource(name, read)
+        return own, problems
 
     def _absent_columns(self, sources: dict[str, ColumnSource], table: Table) -> list[str]:
         """One sentence for each of the first columns that are taken and not there, and one on the columns there are."""
@@ -319,7 +353,14 @@ def _describe_conversion(source: ColumnSource, table: Table) -> list[str]:
 
 
 def _rotate_tip_force(frame: ForceFrame, columns: dict[str, np.ndarray], path: Path | None) -> str:
-    """Turn the tip force into the base frame, in place. Raises ColumnsError where a column for it is missing."""
+    """Turn the tip force into the base frame, in place. Raises ColumnsError where a column for it is missing, or the
+    force is one in space."""
+    if beyond := [name for name in columns if name in WHOLE_ARM_COLUMNS[3:]]:
+        told = join_names(beyond)
+        raise ColumnsError([
+            f"{path}: [tip_force] turns a force in the plane, and the log has {told}; log forces and moments in the"
+            " base frame, and leave the table out."
+        ])  # fmt: skip
     positions: list[str] = []
     if frame.is_moving and frame.turning_joints is not None:
         positions = [f"joint_position_{j}" for j in frame.turning_joints]

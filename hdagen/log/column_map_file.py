@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from hdagen.log.column_map import (
     ColumnsError,
     ColumnSource,
     ForceFrame,
+    number_column,
     split_column_name,
 )
 from hdagen.support.input_file import InputFileError, read_toml
@@ -25,11 +27,12 @@ _MOST_COLUMN_MAP_BYTES = 200_000  # bytes of a columns.toml
 _MOST_TABLES = 1500  # every column of 99 joints
 
 
-def read_column_map(path: Path | str) -> ColumnMap:
+def read_column_map(path: Path | str, joints: Sequence[str | None] = ()) -> ColumnMap:
     """Read and check a columns.toml.
 
     Args:
         path: The file.
+        joints: Names of the robot's joints, which the file may give in place of their numbers.
 
     Returns:
         The map of columns that it states.
@@ -45,15 +48,16 @@ def read_column_map(path: Path | str) -> ColumnMap:
         raise ColumnsError([str(error)]) from None
     if len(tables) > _MOST_TABLES:
         raise ColumnsError([f"{path}: found {len(tables)} tables; no log has more than {_MOST_TABLES} columns in use."])
-    return build_column_map(tables, path)
+    return build_column_map(tables, path, joints)
 
 
-def build_column_map(tables: dict[str, Any], path: Path) -> ColumnMap:
+def build_column_map(tables: dict[str, Any], path: Path, joints: Sequence[str | None] = ()) -> ColumnMap:
     """Check the tables of a columns.toml and build the map of columns that they state.
 
     Args:
         tables: The tables as parsed.
         path: The file that the sentences name.
+        joints: Names of the robot's joints, which the tables may give in place of their numbers.
 
     Returns:
         The map of columns.
@@ -70,7 +74,8 @@ def build_column_map(tables: dict[str, Any], path: Path) -> ColumnMap:
         frame = _parse_force_frame(path, tables.pop("tip_force"), problems)
     known = [_example_name(base) for base in COLUMN_UNITS]
     sources = {}
-    for name, entry in tables.items():
+    for stated, entry in tables.items():
+        name = number_column(stated, joints)
         if split_column_name(name) is None:
             problems.append(
                 f"{path}: [{name[:80]}] is not a column of a log{suggest_name(name, known)}; possible are"
@@ -80,11 +85,13 @@ def build_column_map(tables: dict[str, Any], path: Path) -> ColumnMap:
             problems.append(
                 f'{path}: {name} must be a table, as in [{name}] with from = "…" below it; found {show_value(entry)}.'
             )
+        elif name in sources:
+            problems.append(f"{path}: [{stated}] and [{name}] are the same column; leave one out.")
         else:
-            sources[name] = _parse_column_source(path, name, entry, problems)
+            sources[name] = _parse_column_source(path, name, stated, entry, problems)
     if problems:
         raise ColumnsError(problems)
-    return ColumnMap(sources, ignore, frame, path)
+    return ColumnMap(sources, ignore, frame, path, tuple(joints))
 
 
 def _example_name(quantity: str) -> str:
@@ -165,8 +172,10 @@ _KEY_CHECKS: dict[str, tuple[Any, str, str]] = {
 }
 
 
-def _parse_column_source(path: Path, name: str, entry: dict[str, Any], problems: list[str]) -> ColumnSource:
-    """One table of the file, its problems appended; keys that are wrong count as absent."""
+def _parse_column_source(
+    path: Path, name: str, stated: str, entry: dict[str, Any], problems: list[str]
+) -> ColumnSource:
+    """One table of the file, headed ``stated``, its problems appended; keys that are wrong count as absent."""
     place = f"{path}: [{name}]"
     good: dict[str, Any] = {}
     for key, value in entry.items():
@@ -196,7 +205,7 @@ def _parse_column_source(path: Path, name: str, entry: dict[str, Any], problems:
     keys |= {key: float(good[key]) for key in ("value", "sign", "scale", "offset") if key in good}
     if wrap is not None:
         keys["wrap"] = float(wrap)
-    read = good.get("from", name)
+    read = good.get("from", stated)
     if origin in good:
         read = ""
     return ColumnSource(name, read, unit=unit, **keys)

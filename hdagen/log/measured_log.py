@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -123,7 +123,11 @@ class Log:
 
 
 def read(
-    path: Path | str, columns: Path | str | ColumnMap | None = None, joints: int | None = None, holes: bool = False
+    path: Path | str,
+    columns: Path | str | ColumnMap | None = None,
+    joints: int | None = None,
+    holes: bool = False,
+    names: Sequence[str | None] = (),
 ) -> Log:
     """Read a log, through a columns.toml where its names, units or signs are foreign.
 
@@ -132,6 +136,7 @@ def read(
         columns: The columns.toml, or the map of columns that it states, if any.
         joints: The robot's number of joints, which the log must have; None: any number.
         holes: Whether missing values stay NaN, for `hdagen.data_quality.log_repair`; else they are refused.
+        names: Names of the robot's joints, which columns may have in place of their numbers.
 
     Returns:
         The log, in SI.
@@ -141,9 +146,9 @@ def read(
         ColumnsError: The columns.toml is at fault.
 
     """
-    mapping = columns or ColumnMap({})
+    mapping = columns or ColumnMap({}, joints=tuple(names))
     if not isinstance(mapping, ColumnMap):
-        mapping = column_map_file.read_column_map(mapping)
+        mapping = column_map_file.read_column_map(mapping, names)
     return build_log(_read_table(Path(path), mapping), str(Path(path)), mapping, joints, holes)
 
 

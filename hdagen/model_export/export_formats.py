@@ -82,7 +82,9 @@ def list_parameter_changes(robot: CorrectedRobot) -> list[ExportedNumber]:
 
 FORMATS = {
     "mjcf": ExportFormat("hdagen.model_export.mjcf_writer", ".xml", "a MuJoCo model", ("into", "prove")),
-    "urdf": ExportFormat("hdagen.model_export.urdf_writer", ".urdf", "the chain with inertias, damping and friction"),
+    "urdf": ExportFormat(
+        "hdagen.model_export.urdf_writer", ".urdf", "the chain with inertias, damping and friction", ("into",)
+    ),
     "json": ExportFormat("hdagen.model_export.json_writer", ".json", "the joints' numbers by name", ("samples",)),
     "fmu": ExportFormat("hdagen.model_export.fmu_writer", ".fmu", "a unit for co-simulation, FMI", ("fmi",)),
     "c": ExportFormat("hdagen.model_export.c_writer", "", "the controllers' C with this robot's limits, a folder"),

@@ -14,6 +14,15 @@ import numpy as np
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
+from hdagen.model_export.link_numbers import (
+    Frame,
+    LinkBody,
+    Vector,
+    read_gravity,
+    read_joint_frame,
+    read_link_body,
+    read_tip,
+)
 
 HELD_EFFECTS = frozenset(
     {
@@ -31,6 +40,7 @@ HELD_EFFECTS = frozenset(
         "sensor_delay",
     }
 )
+HELD_IN_THE_PLANE = frozenset({"rotor_coupling"})  # where the axes of rotor and carrier are parallel
 _FIT_POINTS = 60
 _COUNTING_VARIANCE = 12.0  # variance of counting: resolution² / 12
 
@@ -62,11 +72,10 @@ class JointNumbers:
 
     Attributes:
         name: Its name.
-        is_prismatic: Whether it slides along the x axis of its link.
-        length: From it to the next joint, m.
-        mass: Of its link, kg.
-        center_of_mass: Of its link along x, m.
-        inertia: Of its link about the centre of mass, kg m².
+        is_prismatic: Whether it slides along its axis.
+        frame: Where it stands, in the frame of the joint before.
+        axis: Unit vector in its frame.
+        body: Its link, in its frame.
         ratio: Motor angle over joint position.
         armature: Reflected inertia of the rotor.
         rotor_inertia: Inertia of the rotor itself, kg m².
@@ -95,10 +104,9 @@ class JointNumbers:
 
     name: str
     is_prismatic: bool
-    length: float
-    mass: float
-    center_of_mass: float
-    inertia: float
+    frame: Frame
+    axis: Vector
+    body: LinkBody
     ratio: float
     armature: float
     rotor_inertia: float
@@ -126,11 +134,22 @@ class JointNumbers:
 
 @dataclass(frozen=True)
 class RobotNumbers:
-    """The joints' numbers, base first, ``gravity`` in the plane (m/s²), and the mass at the tip (kg)."""
+    """The numbers of a robot.
+
+    Attributes:
+        joints: Those of its joints, base first.
+        gravity: In the base's frame, m/s².
+        tip: The tip's frame in the last joint's.
+        payload: What hangs on the tip, in the tip's frame.
+        in_space: Whether its joints stand in space.
+
+    """
 
     joints: tuple[JointNumbers, ...]
-    gravity: tuple[float, float]
-    payload: float
+    gravity: Vector
+    tip: Frame
+    payload: LinkBody
+    in_space: bool
 
 
 def read_robot_numbers(arm: Arm, names: tuple[str, ...]) -> RobotNumbers:
@@ -147,17 +166,16 @@ def read_robot_numbers(arm: Arm, names: tuple[str, ...]) -> RobotNumbers:
         PlantError: A link has a lumped inertia that no body has.
 
     """
-    p = arm.parameters
-    gravity = tuple(p[f"gravity_{axis}"] + p.get(f"tilt_{axis}", 0.0) for axis in "xy")
     joints = tuple(_read_joint_numbers(arm, j, name) for j, name in enumerate(names, 1))
     joints = (_move_lumped_inertia(joints[0]), *joints[1:])
-    lumped = [joint.name for joint in joints if joint.inertia < 0 or joint.armature < 0]
+    lumped = [joint.name for joint in joints if joint.body.inertia[2] < 0 or joint.armature < 0]
     if lumped:
         raise PlantError(
             f"{arm.robot['name']}: inertia_about_joint of {', '.join(lumped)} is less than mass · center_of_mass², "
             "which no body of a simulator has; state mass and center_of_mass that fit it."
         )
-    return RobotNumbers(joints, (gravity[0], gravity[1]), p.get(f"payload_mass_{arm.n}", 0.0))
+    tip, payload = read_tip(arm)
+    return RobotNumbers(joints, read_gravity(arm), tip, payload, arm.moves_in_space)
 
 
 def list_unheld_effects(arm: Arm) -> list[tuple[str, int]]:
@@ -170,19 +188,21 @@ def list_unheld_effects(arm: Arm) -> list[tuple[str, int]]:
         Name and joint of each; 0 is the whole arm.
 
     """
+    held = HELD_EFFECTS - HELD_IN_THE_PLANE if arm.moves_in_space else HELD_EFFECTS
     acting = {
         (q.effect, q.joint): None
         for q in arm.parameters.described.values()
-        if q.effect and q.role == "amplitude" and q.effect not in HELD_EFFECTS and arm.parameters[q.name]
+        if q.effect and q.role == "amplitude" and q.effect not in held and arm.parameters[q.name]
     }
     return list(acting)
 
 
 def _move_lumped_inertia(first: JointNumbers) -> JointNumbers:
     """The first joint with a negative inertia of its link in the armature, where it acts alike in a rigid drive."""
-    if first.inertia >= 0 or first.transmission or first.rotor_coupling:
+    lumped = first.body.inertia[2]
+    if lumped >= 0 or first.transmission or first.rotor_coupling:
         return first
-    return replace(first, inertia=0.0, armature=first.armature + first.inertia)
+    return replace(first, body=replace(first.body, inertia=(0.0,) * 6), armature=first.armature + lumped)
 
 
 def _read_joint_numbers(arm: Arm, j: int, name: str) -> JointNumbers:
@@ -199,13 +219,13 @@ def _read_joint_numbers(arm: Arm, j: int, name: str) -> JointNumbers:
     if is_current and drive["max_current"]:
         most = min(most, drive["max_current"])
     position = limits["position"]
+    frame, axis = read_joint_frame(arm, j)
     return JointNumbers(
         name=name,
         is_prismatic=stated["kind"] == "prismatic",
-        length=get("length"),
-        mass=get("mass"),
-        center_of_mass=get("center_of_mass"),
-        inertia=get("inertia"),
+        frame=frame,
+        axis=axis,
+        body=read_link_body(arm, j),
         ratio=ratio,
         armature=get("motor_inertia") * ratio**2,
         rotor_inertia=get("motor_inertia"),

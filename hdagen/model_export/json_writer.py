@@ -69,11 +69,21 @@ def write(robot: CorrectedRobot, out: Path, samples: int | None = None) -> Expor
 
 def _describe_robot(numbers: RobotNumbers) -> dict[str, Any]:
     """The robot's numbers as JSON has them."""
-    joints = {joint.name: _describe_joint(joint) for joint in numbers.joints}
-    return {"gravity": list(numbers.gravity), "payload": numbers.payload, "joints": joints}
+    joints = {joint.name: _describe_joint(joint, numbers.in_space) for joint in numbers.joints}
+    gravity, payload = list(numbers.gravity), numbers.payload
+    if not numbers.in_space:
+        return {"gravity": gravity[:2], "payload": payload.mass, "joints": joints}
+    tip = {"origin": list(numbers.tip.origin), "rotation": list(numbers.tip.rotation)}
+    return {
+        "gravity": gravity,
+        "payload": payload.mass,
+        "payload_center": list(payload.center),
+        "tip": tip,
+        "joints": joints,
+    }
 
 
-def _describe_joint(joint: JointNumbers) -> dict[str, Any]:
+def _describe_joint(joint: JointNumbers, in_space: bool) -> dict[str, Any]:
     """A joint's numbers: null where there is no limit."""
     described: dict[str, Any] = {
         "type": "prismatic" if joint.is_prismatic else "revolute",
@@ -93,12 +103,15 @@ def _describe_joint(joint: JointNumbers) -> dict[str, Any]:
         "position_limits": joint.position_limits,
         "encoder_delay": joint.sensor_delay,
         "encoder_noise": joint.encoder_noise,
-        "mass": joint.mass,
-        "center_of_mass": joint.center_of_mass,
-        "inertia": joint.inertia,
+        "mass": joint.body.mass,
+        "center_of_mass": list(joint.body.center) if in_space else joint.body.center[0],
+        "inertia": list(joint.body.inertia) if in_space else joint.body.inertia[2],
         "cable_stiffness": joint.cable_stiffness,
         "cable_rest": joint.cable_rest,
     }
+    if in_space:
+        described |= {"origin": list(joint.frame.origin), "rotation": list(joint.frame.rotation)}
+        described["axis"] = list(joint.axis)
     if spring := joint.transmission:
         described["torsion"] = {
             "stiffness": spring.linear,

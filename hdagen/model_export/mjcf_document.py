@@ -8,9 +8,11 @@ frictionloss), tendon/fixed (springlength with a dead band, armature), actuator/
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from xml.sax.saxutils import quoteattr
 
 from hdagen.model_export.joint_numbers import JointNumbers, RobotNumbers, Transmission
+from hdagen.model_export.link_numbers import NO_TURN, Frame, LinkBody
 
 FRICTION_IMPEDANCE = "0.9999 0.9999 0.001 0.5 2"  # MuJoCo's hardest, so that dry friction holds and hardly creeps
 FRICTION_DECAY = 1.5  # share of a creeping speed that friction takes off in a step: stable up to 2, of RK4 up to 2.8
@@ -19,16 +21,29 @@ _FAR = 1e6  # rad or m, beyond any joint position
 
 
 def write_number(value: float) -> str:
-    """Write a number so that it is read back to twelve digits.
+    """Write a number so that it is read back exactly.
 
     Args:
         value: The number.
 
     Returns:
-        Its text.
+        The shortest such text.
 
     """
-    return f"{value:.12g}"
+    return repr(float(value) + 0.0).removesuffix(".0")
+
+
+def write_numbers(values: Iterable[float]) -> str:
+    """Write numbers with blanks between.
+
+    Args:
+        values: The numbers.
+
+    Returns:
+        Their text.
+
+    """
+    return " ".join(map(write_number, values))
 
 
 def write_document(name: str, numbers: RobotNumbers, step: float) -> str:
@@ -43,11 +58,11 @@ def write_document(name: str, numbers: RobotNumbers, step: float) -> str:
         The text of the file.
 
     """
-    joints, gravity = numbers.joints, " ".join(map(write_number, numbers.gravity))
+    joints, gravity = numbers.joints, write_numbers(numbers.gravity)
     lines = [
         f"<mujoco model={quoteattr(name)}>",
         '  <compiler angle="radian" autolimits="true"/>',
-        f'  <option timestep="{write_number(step)}" integrator="RK4" gravity="{gravity} 0"/>',
+        f'  <option timestep="{write_number(step)}" integrator="RK4" gravity="{gravity}"/>',
         "  <default>",
         f"    <!-- the second number belongs to this timestep: -{FRICTION_DECAY:g} / timestep -->",
         f'    <joint solreffriction="-1 {write_number(-FRICTION_DECAY / step)}"'
@@ -59,7 +74,7 @@ def write_document(name: str, numbers: RobotNumbers, step: float) -> str:
         "  </worldbody>",
     ]
     for section, entries in (
-        ("tendon", [line for j in range(len(joints)) for line in _write_tendons(joints, j)]),
+        ("tendon", [line for j in range(len(joints)) for line in _write_tendons(joints, j, numbers.in_space)]),
         ("actuator", [_write_actuator(joint, step) for joint in joints]),
         ("sensor", [line for joint in joints for line in _write_sensors(joint, step)]),
     ):
@@ -93,13 +108,11 @@ def _write_bodies(numbers: RobotNumbers, j: int, indent: str) -> list[str]:
     """Link ``j`` (from 0) and all that it carries."""
     if j == len(numbers.joints):
         return _write_tip(numbers, indent)
-    joint, before = numbers.joints[j], numbers.joints[j - 1] if j else None
-    place = write_number(before.length if before and not before.is_prismatic else 0.0)
+    joint, ahead = numbers.joints[j], (*numbers.joints[j + 1 :], None)[0]
     name, kind = joint.name, _write_kind(joint)
     inner = [
-        f'<inertial pos="{write_number(joint.center_of_mass)} 0 0" mass="{write_number(max(joint.mass, LEAST_MASS))}"'
-        f' diaginertia="{" ".join([write_number(max(joint.inertia, LEAST_INERTIA))] * 3)}"/>',
-        *_draw_link(joint),
+        write_inertial(joint.body),
+        *_draw_link(joint, ahead.frame if ahead else numbers.tip),
         *_write_bodies(numbers, j + 1, ""),
     ]
     if joint.transmission is None:
@@ -118,15 +131,37 @@ def _write_bodies(numbers: RobotNumbers, j: int, indent: str) -> list[str]:
             "</body>",
         ]
     outer = f"{name}_rotor" if joint.transmission else f"{name}_link"
-    lines = [f'<body name={quoteattr(outer)} pos="{place} 0 0">', *(f"  {line}" for line in body), "</body>"]
+    lines = [f"<body name={quoteattr(outer)}{_write_frame(joint.frame)}>", *(f"  {line}" for line in body), "</body>"]
     return [f"{indent}{line}" for line in lines]
 
 
+def write_inertial(body: LinkBody) -> str:
+    """Write a body's element with its mass.
+
+    Args:
+        body: The body.
+
+    Returns:
+        The element.
+
+    """
+    moments, products = body.inertia[:3], body.inertia[3:]
+    inertia = f'diaginertia="{write_numbers(max(moment, LEAST_INERTIA) for moment in moments)}"'
+    if any(products):
+        inertia = f'fullinertia="{write_numbers(body.inertia)}"'
+    mass = write_number(max(body.mass, LEAST_MASS))
+    return f'<inertial pos="{write_numbers(body.center)}" mass="{mass}" {inertia}/>'
+
+
+def _write_frame(frame: Frame) -> str:
+    """The attributes of a body's or site's place."""
+    turn = "" if frame.rotation == NO_TURN else f' quat="{write_numbers(frame.rotation)}"'
+    return f' pos="{write_numbers(frame.origin)}"{turn}'
+
+
 def _write_kind(joint: JointNumbers) -> str:
-    """Type and axis of a joint: it turns about z, or slides along x."""
-    if joint.is_prismatic:
-        return 'type="slide" axis="1 0 0"'
-    return 'type="hinge" axis="0 0 1"'
+    """Type and axis of a joint."""
+    return f'type="{"slide" if joint.is_prismatic else "hinge"}" axis="{write_numbers(joint.axis)}"'
 
 
 def _write_driven_joint(joint: JointNumbers, kind: str, more: str) -> str:
@@ -141,7 +176,9 @@ def _write_driven_joint(joint: JointNumbers, kind: str, more: str) -> str:
     if joint.frictionloss > 0:
         parts.append(f'frictionloss="{write_number(joint.frictionloss)}"')
     if joint.position_limits:
-        parts.append(f'range="{" ".join(map(write_number, joint.position_limits))}"')
+        parts.append(f'range="{write_numbers(joint.position_limits)}"')
+    if joint.transmission is None and joint.torque_limit:
+        parts.append(f'actuatorfrcrange="{write_numbers((-joint.torque_limit, joint.torque_limit))}"')
     return " ".join(parts) + f"{more}/>"
 
 
@@ -161,33 +198,32 @@ def _write_stiffness(spring: Transmission) -> str:
     return write_number(spring.linear)
 
 
-def _draw_link(joint: JointNumbers) -> list[str]:
-    """A shape without mass and contacts, to be looked at."""
-    length = joint.length or 2 * joint.center_of_mass
+def _draw_link(joint: JointNumbers, ahead: Frame) -> list[str]:
+    """A shape without mass and contacts, to be looked at: to the frame ahead, or through the centre of mass."""
+    end = ahead.origin if any(ahead.origin) else tuple(2 * place for place in joint.body.center)
+    length = math.hypot(*end)
     if joint.is_prismatic:
         return ['<geom type="box" size="0.05 0.03 0.03" mass="0"/>']
-    if abs(length) < 1e-6:
+    if length < 1e-6:
         return []
-    width = write_number(min(0.03, 0.1 * abs(length)))
-    return [f'<geom type="capsule" fromto="0 0 0 {write_number(length)} 0 0" size="{width}" mass="0"/>']
+    width = write_number(min(0.03, 0.1 * length))
+    return [f'<geom type="capsule" fromto="0 0 0 {write_numbers(end)}" size="{width}" mass="0"/>']
 
 
 def _write_tip(numbers: RobotNumbers, indent: str) -> list[str]:
     """The tip, with the mass on it."""
-    last = numbers.joints[-1]
-    place = write_number(0.0 if last.is_prismatic else last.length)
-    lines = [f'{indent}<site name="tip" pos="{place} 0 0"/>']
-    if numbers.payload:
-        least = " ".join([f"{LEAST_INERTIA:g}"] * 3)
+    place = _write_frame(numbers.tip)
+    lines = [f'{indent}<site name="tip"{place}/>']
+    if numbers.payload.mass:
         lines += [
-            f'{indent}<body name="payload" pos="{place} 0 0">',
-            f'{indent}  <inertial pos="0 0 0" mass="{write_number(numbers.payload)}" diaginertia="{least}"/>',
+            f'{indent}<body name="payload"{place}>',
+            f"{indent}  {write_inertial(numbers.payload)}",
             f"{indent}</body>",
         ]
     return lines
 
 
-def _write_tendons(joints: tuple[JointNumbers, ...], j: int) -> list[str]:
+def _write_tendons(joints: tuple[JointNumbers, ...], j: int, in_space: bool) -> list[str]:
     """The tendons of joint ``j``: position, cable, play, obstacles, and a rotor that turns with the link before it."""
     joint, lines = joints[j], list[str]()
     position = _write_wraps((joint.name, 1.0))
@@ -208,7 +244,7 @@ def _write_tendons(joints: tuple[JointNumbers, ...], j: int) -> list[str]:
             free = f"{write_number(stop.angle)} {write_number(_FAR)}"
         spring = f' stiffness="{write_number(stop.stiffness)}" springlength="{free}"'
         lines.append(_write_tendon(f"{joint.name}_{'above' if stop.side > 0 else 'below'}", spring, position))
-    if joint.rotor_coupling and j:
+    if joint.rotor_coupling and j and not in_space:
         rotor = f' armature="{write_number(joint.rotor_inertia)}"'
         carrier = [(joints[j - 1].name, joint.rotor_coupling)]
         if joints[j - 1].transmission:

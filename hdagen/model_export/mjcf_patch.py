@@ -13,27 +13,31 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.arm.build_loader import PlantError
+from hdagen.model_export.actuator_patch import is_servo, patch_motor, patch_servo
 from hdagen.model_export.corrected_robot import CorrectedRobot
 from hdagen.model_export.export_formats import ExportedNumber
+from hdagen.model_export.inertial_patch import MADE_ANEW, makes_masses_anew, patch_mjcf_body
 from hdagen.model_export.joint_numbers import JointNumbers, RobotNumbers
-from hdagen.model_export.mjcf_document import write_delay_attributes, write_number
+from hdagen.model_export.link_changes import SAME_NUMBER, find_link_changes
+from hdagen.model_export.mjcf_document import write_delay_attributes, write_number, write_numbers
+from hdagen.model_export.model_text import ModelText
 from hdagen.model_export.mujoco_machine import import_mujoco
 from hdagen.model_export.number_changes import list_number_changes
-from hdagen.model_export.xml_text import XmlElement, XmlText
+from hdagen.model_export.spring_patch import patch_spring
+from hdagen.model_export.xml_text import XmlElement
 from hdagen.support.messages import join_names, join_nearest_names, show_path
 
-SAME_NUMBER = 1e-3  # relative difference up to which model and robot file have the same number
-NEEDS_GEOMETRY = "it needs geometry or another structure of the model, which --into leaves as it is"
-_ACTUATORS_WITH_OWN_FORCE = ("motor", "general")
+OTHER_STRUCTURE = "it needs another structure of the model, which --into leaves as it is"
+_LINK_QUANTITIES = ("mass", "center_of_mass", "inertia")
 _JOINT_QUANTITIES = ("armature", "damping", "quadratic_damping", "frictionloss", "cable_stiffness", "cable_rest")
 _MOTOR_QUANTITIES = ("gain", "bias", "input_limit", "delay", "lag")
 
 
 @dataclass
 class PatchedModel:
-    """The new text, the numbers that changed, what a model of this structure cannot take, and notes."""
+    """The content of each file, the numbers that changed, what a model of this structure cannot take, and notes."""
 
-    text: bytes
+    files: dict[Path, bytes]
     changes: tuple[ExportedNumber, ...] = ()
     left_out: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -76,45 +80,63 @@ def find_model_joints(model_path: Path, robot: CorrectedRobot) -> tuple[str, ...
     return robot.joint_names
 
 
-def patch_model(path: Path, robot: CorrectedRobot, before: RobotNumbers, after: RobotNumbers) -> PatchedModel:
+def is_link_number(place: str) -> bool:
+    """Tell whether a number belongs to the bodies or to gravity.
+
+    Args:
+        place: Where it stands, as ``joint.number``, "payload" or "gravity_x".
+
+    Returns:
+        Whether it does.
+
+    """
+    key = place.rpartition(".")[2]
+    return place.startswith(("payload", "gravity_")) or key.startswith(_LINK_QUANTITIES)
+
+
+def patch_model(path: Path, out: Path, before: RobotNumbers, after: RobotNumbers) -> PatchedModel:
     """Correct the numbers of a model.
 
     Args:
         path: The model.
-        robot: The robot.
+        out: The place of the corrected one.
         before: The robot file's numbers, with the model's joint names.
         after: The corrected ones.
 
     Returns:
-        The new text.
+        The new files.
 
     Raises:
         PlantError: The model cannot be read, lacks a joint, has other numbers than the robot file, or holds nothing of
             the verdict.
 
     """
-    model, text = _compile_model(path), XmlText(path)
+    model, text = _compile_model(path), ModelText(path)
     patch = _ModelPatch(text, model)
     changes = list_number_changes(before, after)
+    patch.correct_links(before, after, [change.where for change in changes if is_link_number(change.where)])
     for change in changes:
+        if is_link_number(change.where):
+            continue
         place, _, key = change.where.partition(".")
         joints = zip(before.joints, after.joints, strict=True)
         pair = next(((old, new) for old, new in joints if new.name == place), None)
         if pair is not None and key in (*_JOINT_QUANTITIES, *_MOTOR_QUANTITIES, "sensor_delay"):
             patch.check_number(pair[0], key)
-        else:
+        elif not key.startswith("torsion."):
             patch.leave_out(change)
     for old, new in zip(before.joints, after.joints, strict=True):
         patch.correct_joint(old, new)
         patch.correct_motor(old, new)
         patch.correct_encoder(old, new)
+        patch.correct_spring(old, new)
     written = tuple(change for change in changes if change.where not in patch.left_out)
     if changes and not written:
         raise PlantError(
             f"{show_path(path)}: it can hold nothing of the verdict ({join_names(list(patch.left_out))}); export a "
             "whole model, without --into."
         )
-    return PatchedModel(text.to_bytes(), written, patch.left_out, patch.notes)
+    return PatchedModel(text.write_files(out), written, patch.left_out, patch.notes)
 
 
 def _compile_model(path: Path) -> Any:
@@ -132,7 +154,7 @@ def _compile_model(path: Path) -> Any:
 class _ModelPatch:
     """The changes of one model: its text, and what MuJoCo compiled from it."""
 
-    def __init__(self, text: XmlText, model: Any) -> None:
+    def __init__(self, text: ModelText, model: Any) -> None:
         self.text, self.model = text, model
         self.step = float(model.opt.timestep)
         self.has_stages = int(model.opt.integrator) == int(import_mujoco().mjtIntegrator.mjINT_RK4)
@@ -141,7 +163,24 @@ class _ModelPatch:
 
     def leave_out(self, change: ExportedNumber, why: str | None = None) -> None:
         """Note that a number has no place in the model."""
-        self.left_out[change.where] = f"{why or NEEDS_GEOMETRY}."
+        self.left_out[change.where] = f"{why or OTHER_STRUCTURE}."
+
+    def correct_links(self, before: RobotNumbers, after: RobotNumbers, wanted: list[str]) -> None:
+        """Change the bodies that the joints move, and gravity."""
+        found = find_link_changes(self.text.path, before, after, wanted)
+        if found.bodies and makes_masses_anew(self.text):
+            bodies = [place for place in wanted if not place.startswith("gravity_")]
+            found.left_out |= dict.fromkeys(bodies, MADE_ANEW)
+            found.bodies = []
+        for change in found.bodies:
+            patch_mjcf_body(self.text, change)
+        if found.gravity is not None:
+            option = next((one for one in self.text.elements if one.tag == "option"), None)
+            if option is None:
+                self.text.main.elements[0].add_child(f'<option gravity="{write_numbers(found.gravity)}"/>')
+            else:
+                option.set_attribute("gravity", write_numbers(found.gravity))
+        self.left_out |= {place: f"{why}." for place, why in found.left_out.items()}
 
     def read_numbers(self, joint: JointNumbers) -> dict[str, float]:
         """The numbers of a joint as MuJoCo compiled them."""
@@ -179,20 +218,13 @@ class _ModelPatch:
         return None
 
     def find_element(self, section: str, attributes: Mapping[str, str], tags: Sequence[str] = ()) -> XmlElement:
-        """The element with these attributes in a section. Raises PlantError where an included file has it."""
+        """The element with these attributes in a section, in whichever file. Raises PlantError where there is none."""
         for element in self.text.elements:
             own = all(element.attributes.get(name) == value for name, value in attributes.items())
             in_section = element.is_inside(section) and not element.is_inside("default")
             if own and in_section and (not tags or element.tag in tags):
                 return element
         what = " and ".join(f"{name}={value!r}" for name, value in attributes.items())
-        files = [element.attributes.get("file", "") for element in self.text.elements if element.tag == "include"]
-        if files:
-            raise PlantError(
-                f"{show_path(self.text.path)}: the element with {what:.120} stands in a file that it includes "
-                f"({join_names(files)}), which --into leaves as it is; put it into the model itself, or write a whole "
-                "model without --into."
-            )
         raise PlantError(
             f"{show_path(self.text.path)}: no element with {what:.120} stands in <{section}>; give it plainly."
         )
@@ -241,27 +273,34 @@ class _ModelPatch:
             for key in changed:
                 self._leave_out_number(new, key, "the joint has no actuator")
             return
-        element = self.find_element("actuator", {"joint": new.name})
-        model, control = self.model, old.gain / (self.model.actuator_gear[k, 0] * self.model.actuator_gainprm[k, 0])
+        element, servo = self.find_element("actuator", {"joint": new.name}), is_servo(self.model, k)
+        states_ratio = any("dampratio" in one.attributes for one in self.text.elements)
         for key in changed:
-            if key == "delay":
+            if key == "delay" and not servo:
                 self._set_delay(element, new, new.delay, key)
-            elif key == "input_limit":
-                most = new.input_limit * control
-                element.set_attribute("ctrlrange", f"{write_number(-most)} {write_number(most)}")
-                element.set_attribute("ctrllimited", "true")
-            elif element.tag not in _ACTUATORS_WITH_OWN_FORCE:
-                self._leave_out_number(new, key, f"a <{element.tag}> actuator has no place for it")
-            else:
-                element.new_tag = "general" if element.tag != "general" else None
-                if key == "lag":
-                    element.set_attribute("dyntype", "filterexact")
-                    element.set_attribute("dynprm", write_number(new.lag))
-                elif key == "gain":
-                    element.set_attribute("gainprm", write_number(model.actuator_gainprm[k, 0] * new.gain / old.gain))
-                else:
-                    element.set_attribute("biastype", "affine")
-                    element.set_attribute("biasprm", f"{write_number(new.bias / model.actuator_gear[k, 0])} 0 0")
+                continue
+            why: str | None = "a servo of the model states its damping as a ratio; state kv"
+            if not servo:
+                why = patch_motor(element, self.model, k, old, new, key)
+            elif key != "gain" or not states_ratio:
+                why = patch_servo(element, self.model, k, old, new, key)
+            if why:
+                self._leave_out_number(new, key, why)
+
+    def correct_spring(self, old: JointNumbers, new: JointNumbers) -> None:
+        """Change the spring of a joint, or put one in series."""
+        if old.transmission == new.transmission or new.transmission is None:
+            return
+        joint = self.find_element("worldbody", {"name": new.name}, ("joint",))
+        why = patch_spring(self.text, joint, new, is_new=old.transmission is None)
+        if why:
+            for key in ("linear", "cubic", "damping", "play"):
+                self._leave_out_number(new, f"torsion.{key}", why)
+        elif old.transmission is None:
+            self.notes.append(
+                f"{new.name}: its position is now the rotor's, and {new.name}_torsion is the link's against it; the "
+                f"spring asks for a timestep below that of a rigid joint, which is {self.step:g} s here."
+            )
 
     def correct_encoder(self, old: JointNumbers, new: JointNumbers) -> None:
         """Change the delay of a joint's position sensor."""
@@ -286,5 +325,4 @@ class _ModelPatch:
             element.set_attribute(name, value.strip('"'))
 
     def _leave_out_number(self, joint: JointNumbers, key: str, why: str) -> None:
-        unit = next((u for k, u in (("delay", "s"), ("sensor_delay", "s"), ("lag", "s")) if k == key), "")
-        self.leave_out(ExportedNumber(f"{joint.name}.{key}", None, getattr(joint, key), unit), why)
+        self.left_out[f"{joint.name}.{key}"] = f"{why}."

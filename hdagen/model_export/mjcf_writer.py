@@ -13,9 +13,9 @@ from hdagen.model_export.export_formats import Exported
 from hdagen.model_export.joint_numbers import read_robot_numbers
 from hdagen.model_export.mjcf_document import write_document
 from hdagen.model_export.mjcf_patch import find_model_joints, patch_model
+from hdagen.model_export.model_files import open_model_files
 from hdagen.model_export.mujoco_proof import ProofLog, prove_in_mujoco
 from hdagen.model_export.number_changes import describe_left_out, list_number_changes
-from hdagen.support.atomic_write import open_atomically
 
 SPRING_STEP_SHARE = 0.25  # of the robot file's step, where joints have springs: MuJoCo's friction creeps two steps long
 
@@ -42,33 +42,31 @@ def write(robot: CorrectedRobot, out: Path, into: Path | None = None, prove: Pro
     names = robot.joint_names
     before, after = read_robot_numbers(robot.file, names), read_robot_numbers(robot.corrected, names)
     changes, notes, unheld = list_number_changes(before, after), list(robot.notes), dict[str, str]()
+    old = b""
     if into is None:
         name, step = robot.file.robot["name"], robot.corrected.stable_step
         if any(joint.transmission for joint in after.joints):
             step *= SPRING_STEP_SHARE
-        text, old = write_document(name, after, step).encode(), write_document(name, before, step).encode()
+        files, old = {out: write_document(name, after, step).encode()}, write_document(name, before, step).encode()
     else:
-        patched = patch_model(into, robot, before, after)
-        text, changes, unheld = patched.text, patched.changes, dict(patched.left_out)
+        patched = patch_model(into, out, before, after)
+        files, changes, unheld = patched.files, patched.changes, dict(patched.left_out)
         notes += patched.notes
     proof = None
-    try:
-        with open_atomically(out) as file, tempfile.TemporaryDirectory() as folder:
-            file.write(text)
-            file.flush()
-            if prove is not None:
-                first = into
-                if first is None:
-                    first = Path(folder) / "before.xml"
-                    first.write_bytes(old)
-                proof = prove_in_mujoco(robot, prove, first, Path(file.name))
-            elif into is not None:
-                _check_model_loads(Path(file.name), into, out)
-    except OSError as error:
-        raise PlantError(f"{out}: cannot be written ({error.strerror}); make room or name another place.") from None
+    with open_model_files(out, files) as written, tempfile.TemporaryDirectory() as folder:
+        if prove is not None:
+            first = into
+            if first is None:
+                first = Path(folder) / "before.xml"
+                first.write_bytes(old)
+            proof = prove_in_mujoco(robot, prove, first, written)
+        elif into is not None:
+            _check_model_loads(written, into, out)
     shares = None if proof is None else proof.left_shares
     left_out = describe_left_out(robot, shares, "MuJoCo") | unheld
-    return Exported((out,), changes, left_out, tuple(dict.fromkeys(notes)), proof)
+    return Exported(
+        (out, *(path for path in files if path != out)), changes, left_out, tuple(dict.fromkeys(notes)), proof
+    )
 
 
 def _check_model_loads(written: Path, into: Path, out: Path) -> None:

@@ -50,12 +50,18 @@ class MujocoMachine:
     """A MuJoCo model that is driven by the inputs of a log.
 
     ``names`` are the robot's joints, base first; ``ratios`` their motors' angles by the joints'; ``gains`` the joints'
-    torques by the robot's inputs in the model before any correction. Raises PlantError where the file is no model of
-    the robot.
+    torques by the robot's inputs in the model before any correction; ``tip`` is the tip in the last joint's frame, of
+    an arm in space. Raises PlantError where the file is no model of the robot.
     """
 
     def __init__(
-        self, path: Path, names: Sequence[str], ratios: Sequence[float], period: float, controls: Array | None = None
+        self,
+        path: Path,
+        names: Sequence[str],
+        ratios: Sequence[float],
+        period: float,
+        controls: Array | None = None,
+        tip: Sequence[float] | None = None,
     ) -> None:
         self.mujoco = import_mujoco()
         self.path, self.names, self.ratios = path, tuple(names), np.asarray(ratios, float)
@@ -64,8 +70,7 @@ class MujocoMachine:
         self.places = [self._find_places(name) for name in names]
         self.steps_of_period, self.period = max(1, round(period / self.model.opt.timestep)), period
         self.controls = np.ones(len(self.names)) if controls is None else controls
-        tip = self.mujoco.mj_name2id(self.model, self.mujoco.mjtObj.mjOBJ_SITE, "tip")
-        self.tip = tip if tip >= 0 else None
+        self.tip = self._find_tip(tip)
         self.is_late = any(place.late_encoder is not None for place in self.places)
 
     def _compile_model(self, period: float) -> tuple[Any, list[str]]:
@@ -122,6 +127,17 @@ class MujocoMachine:
             int(motors[0]) if len(motors) else None,
             encoder,
         )
+
+    def _find_tip(self, tip: Sequence[float] | None) -> tuple[int, Array] | None:
+        """The body that the tip belongs to, and the tip in its frame; None where the model does not say."""
+        mujoco, model = self.mujoco, self.model
+        if tip is not None:
+            joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"{self.names[-1]}_torsion")
+            if joint < 0:
+                joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, self.names[-1])
+            return int(model.jnt_bodyid[joint]), model.jnt_pos[joint] + np.asarray(tip, float)
+        site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, "tip")
+        return (int(model.site_bodyid[site]), model.site_pos[site].copy()) if site >= 0 else None
 
     def check_motors(self) -> None:
         """Refuse a model that no torque of a log can drive.
@@ -240,7 +256,7 @@ class MujocoMachine:
 
         Args:
             inputs: (n), the robot's inputs over it.
-            push: (2), force on the tip in the base frame, N.
+            push: (2), force on the tip in the base frame, N; in space (6), below it the moment about the tip, N m.
             seconds: The time, s.
 
         """
@@ -252,6 +268,8 @@ class MujocoMachine:
             if push.any():
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
-                force, body = np.array([push[0], push[1], 0.0]), int(model.site_bodyid[self.tip])
-                mujoco.mj_applyFT(model, data, force, np.zeros(3), data.site_xpos[self.tip], body, data.qfrc_applied)
+                wrench, (body, offset) = np.zeros(6), self.tip
+                wrench[: push.size] = push
+                point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ offset
+                mujoco.mj_applyFT(model, data, wrench[:3], wrench[3:], point, body, data.qfrc_applied)
         mujoco.mj_step(model, data, nstep=max(1, round(seconds / model.opt.timestep)))

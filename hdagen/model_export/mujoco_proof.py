@@ -88,6 +88,7 @@ def read_proof_log(
     diagnosis: Mapping[str, Any] | None = None,
     controller: Path | None = None,
     columns: Path | None = None,
+    joints: Sequence[str | None] = (),
 ) -> ProofLog:
     """Read the log of a proof.
 
@@ -96,6 +97,7 @@ def read_proof_log(
         diagnosis: The content of the diagnosis.json, whose held-out rows then count; None: all rows count.
         controller: A controller.toml; None: the commands drive.
         columns: A columns.toml for foreign names.
+        joints: Names of the robot's joints, which columns may have in place of their numbers.
 
     Returns:
         The log.
@@ -108,7 +110,7 @@ def read_proof_log(
     import_mujoco()
     laws = None if controller is None else read_controller(controller)
     known = diagnosis is not None and _names_log(diagnosis, str(path))
-    return ProofLog(read(Path(path), columns, holes=known), laws, (), known)
+    return ProofLog(read(Path(path), columns, holes=known, names=joints), laws, (), known)
 
 
 def _repair_log(given: ProofLog, arm: Arm) -> ProofLog:
@@ -145,11 +147,12 @@ def prove_in_mujoco(robot: CorrectedRobot, given: ProofLog, before: Path, after:
     log, names = given.log, robot.joint_names
     count = _make_counter(robot, given)
     ratios = [robot.file.parameters[f"ratio_{j}"] for j in range(1, len(names) + 1)]
-    first = MujocoMachine(before, names, ratios, log.period)
+    tip = robot.file.robot["tip"]["origin"] if robot.file.moves_in_space else None
+    first = MujocoMachine(before, names, ratios, log.period, tip=tip)
     first.check_motors()
     controls = _find_nominal_gains(robot.file) / first.measure_gains()
     first.controls = controls
-    second = MujocoMachine(after, names, ratios, log.period, controls)
+    second = MujocoMachine(after, names, ratios, log.period, controls, tip)
     second.check_motors()
     ours = _replay_ours(robot.file, given), _replay_ours(robot.corrected, given)
     theirs = [

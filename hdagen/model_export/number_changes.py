@@ -8,11 +8,9 @@ from collections.abc import Iterator, Mapping
 from hdagen.model_export.corrected_robot import CorrectedRobot
 from hdagen.model_export.export_formats import ExportedNumber
 from hdagen.model_export.joint_numbers import JointNumbers, RobotNumbers, list_unheld_effects
+from hdagen.model_export.link_numbers import SPATIAL_AXES
 
 _UNITS = {  # of a joint that turns; one that slides has m for rad and N for N m
-    "mass": "kg",
-    "center_of_mass": "m",
-    "inertia": "kg m²",
     "armature": "kg m²",
     "damping": "N m s/rad",
     "quadratic_damping": "N m s²/rad²",
@@ -43,14 +41,17 @@ def list_number_changes(before: RobotNumbers, after: RobotNumbers) -> tuple[Expo
 
     """
     changes = []
-    for axis, level, tilted in zip("xy", before.gravity, after.gravity, strict=True):
+    for axis, level, tilted in zip(SPATIAL_AXES, before.gravity, after.gravity, strict=True):
         if _differ(level, tilted):
             changes.append(ExportedNumber(f"gravity_{axis}", level, tilted, "m/s²"))
-    if _differ(before.payload, after.payload):
-        changes.append(ExportedNumber("payload", before.payload, after.payload, "kg"))
+    if _differ(before.payload.mass, after.payload.mass):
+        changes.append(ExportedNumber("payload", before.payload.mass, after.payload.mass, "kg"))
+    for axis, level, moved in zip(SPATIAL_AXES, before.payload.center, after.payload.center, strict=True):
+        if _differ(level, moved):
+            changes.append(ExportedNumber(f"payload_{axis}", level, moved, "m"))
     for old, new in zip(before.joints, after.joints, strict=True):
-        held = dict(_list_numbers(old))
-        for key, (value, unit) in _list_numbers(new):
+        held = dict(_list_numbers(old, before.in_space))
+        for key, (value, unit) in _list_numbers(new, after.in_space):
             earlier = held.get(key, (None, unit))[0]
             if earlier is None or _differ(earlier, value):
                 stated = None if earlier is None or math.isinf(earlier) else earlier
@@ -84,8 +85,10 @@ def describe_left_out(robot: CorrectedRobot, shares: Mapping[str, float] | None,
     return sentences
 
 
-def _list_numbers(joint: JointNumbers) -> Iterator[tuple[str, tuple[float, str]]]:
+def _list_numbers(joint: JointNumbers, in_space: bool) -> Iterator[tuple[str, tuple[float, str]]]:
     """The numbers of a joint by name, each with its unit."""
+    for key, value, unit in joint.body.list_numbers(in_space):
+        yield key, (value, unit)
     for key, unit in _UNITS.items():
         yield key, (getattr(joint, key), _SLIDING.get(unit, unit) if joint.is_prismatic else unit)
     if joint.transmission:

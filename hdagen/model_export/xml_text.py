@@ -14,6 +14,7 @@ from hdagen.support.messages import make_printable, show_path
 
 _MOST_XML_BYTES = 20_000_000  # bytes of a model; meshes lie in files of their own
 _MOST_DEPTH = 500
+_INCLUDE_TAGS = ("include", "mujocoinclude")
 _ATTRIBUTE_PATTERN = re.compile(rb"""\s([A-Za-z_:][\w:.\-]*)\s*=\s*("[^"]*"|'[^']*')""")
 _TAG_END_PATTERN = re.compile(rb""">|"[^"]*"|'[^']*'""")
 
@@ -29,7 +30,19 @@ class XmlElement:
     end: int = 0
     closing: int = 0
     changed: dict[str, str] = field(default_factory=dict)
+    removed: list[str] = field(default_factory=list)
+    added_children: list[str] = field(default_factory=list)
     new_tag: str | None = None
+    replacement: str | None = None
+    wrapping: tuple[str, str] | None = None
+
+    @property
+    def container(self) -> XmlElement | None:
+        """The element around it in the model, where files that are included count as their content."""
+        around = self.parent
+        while around is not None and around.tag in _INCLUDE_TAGS:
+            around = around.parent
+        return around
 
     def is_inside(self, tag: str) -> bool:
         """Tell whether an element around it has a tag.
@@ -59,6 +72,25 @@ class XmlElement:
         if self.attributes.get(name) != value:
             self.attributes[name] = self.changed[name] = value
 
+    def remove_attribute(self, name: str) -> None:
+        """Take an attribute out, if it is there.
+
+        Args:
+            name: Its name.
+
+        """
+        if self.attributes.pop(name, None) is not None:
+            self.removed.append(name)
+
+    def add_child(self, text: str) -> None:
+        """Put an element in front of its content.
+
+        Args:
+            text: The element.
+
+        """
+        self.added_children.append(text)
+
 
 class XmlText:
     """The file ``path``. Raises PlantError where it cannot be read as XML in UTF-8 without a document type."""
@@ -81,6 +113,11 @@ class XmlText:
         except (expat.ExpatError, UnicodeDecodeError) as error:
             why = make_printable(error)[:200]
             raise PlantError(f"{show_path(path)}: cannot be read as XML in UTF-8 ({why}); mend the file.") from None
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether an element has changed."""
+        return any(self._list_edits(element) for element in self.elements)
 
     def to_bytes(self) -> bytes:
         """Write the file as it is now.
@@ -113,8 +150,19 @@ class XmlText:
     def _list_edits(self, element: XmlElement) -> list[tuple[int, int, bytes]]:
         """Begin, end and new text of each change to an element."""
         edits = []
+        if element.wrapping is not None:
+            before, after = element.wrapping
+            end = self._find_end(element)
+            edits += [(element.begin, element.begin, before.encode()), (end, end, after.encode())]
+        if element.replacement is not None:
+            return [*edits, (element.begin, self._find_end(element), element.replacement.encode())]
         head = self._content[element.begin : element.end]
-        spans = {found[1].decode(): found.span(2) for found in _ATTRIBUTE_PATTERN.finditer(head)}
+        found = {match[1].decode(): match for match in _ATTRIBUTE_PATTERN.finditer(head)}
+        spans = {name: match.span(2) for name, match in found.items()}
+        for name in element.removed:
+            edits.append((element.begin + found[name].start(), element.begin + found[name].end(), b""))
+        if element.added_children:
+            edits.append(self._insert_children(element, head))
         for name, value in element.changed.items():
             text = escape(value, {'"': "&quot;"}).encode()
             if name in spans:
@@ -130,3 +178,32 @@ class XmlText:
                 at = element.closing + 2
                 edits.append((at, at + len(element.tag.encode()), element.new_tag.encode()))
         return edits
+
+    def _find_end(self, element: XmlElement) -> int:
+        """The byte after an element with all that is in it."""
+        if self._content[element.closing : element.closing + 2] == b"</":
+            return self._content.index(b">", element.closing) + 1
+        return element.end
+
+    def find_indent(self, element: XmlElement) -> str:
+        """Find the blanks before an element that begins its line.
+
+        Args:
+            element: The element.
+
+        Returns:
+            The blanks; none where something else stands on its line.
+
+        """
+        line = self._content[: element.begin].rpartition(b"\n")[2]
+        return "" if line.strip() else line.decode()
+
+    def _insert_children(self, element: XmlElement, head: bytes) -> tuple[int, int, bytes]:
+        """The edit that puts children in front of an element's content, each on a line of its own."""
+        before = self._content[: element.begin]
+        line = before[before.rfind(b"\n") + 1 :]
+        indent = line[: len(line) - len(line.lstrip())]
+        text = b"".join(b"\n" + indent + b"  " + child.encode() for child in element.added_children)
+        if not head.endswith(b"/>"):
+            return element.end, element.end, text
+        return element.end - 2, element.end, b">" + text + b"\n" + indent + b"</" + element.tag.encode() + b">"

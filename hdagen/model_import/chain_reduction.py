@@ -256,7 +256,9 @@ def _choose_joints(work: _Reduction, path: Sequence[int]) -> set[str]:
         if len([one for one, home in on_path if home is body]) > 1:
             work.refuse(f"{body.name} has several joints and nothing between them, possible is one; hold one by --at")
         if body.is_looped:
-            work.refuse(f"{body.name} is tied to another body in a closed loop, possible is an open chain")
+            work.refuse(
+                f"{body.name} is tied to another body in a closed loop, possible is an open chain; cut the loop"
+            )
     if not 1 <= len(on_path) <= MOST_JOINTS:
         work.refuse(
             f"found {len(on_path)} joints between base and tip, possible are 1 to {MOST_JOINTS}; name others by --base,"

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 JOINT_KINDS = {0: "free", 1: "ball", 2: "prismatic", 3: "revolute"}  # mjtJoint
 TENSOR_ERROR = 1e-9  # of the largest entry, by which principal axes may differ from the six numbers
 PLACEHOLDER = 1e-6  # kg and kg m² of a moving body without mass, which MuJoCo refuses; taken off again
+LARGEST_NUMBER = 1e12  # of a body or a frame, whose products then stay numbers
+NO_LIMIT = 1e6  # from here on a limit stands for none: URDF demands one of every joint
 NO_MUJOCO = "pip install 'hdagen[mujoco]'"
 
 
@@ -136,14 +138,15 @@ def compile_tree(file: ModelFile) -> Tree:
     forces = _find_actuators(spec)
     coupled, looped = _find_equations(spec)
     tensors = {body.name: _read_tensor(mujoco, body) for body in spec.bodies if body.name}
-    weightless = _strip_geometry(spec, file)
     try:
+        weightless = _strip_geometry(spec, file)
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             model = spec.compile()
     except (ValueError, RuntimeError) as error:
         raise ModelError(f"{file.label}: MuJoCo refuses it ({_first_line(error)}); correct it there.") from None
     notes += [f"MuJoCo says: {_first_line(one.message)}" for one in told]
+    _check_finite(model, file)
     bodies = []
     for index in range(model.nbody):
         body = model.body(index)
@@ -167,6 +170,28 @@ def compile_tree(file: ModelFile) -> Tree:
         loop = body.name in looped
         bodies.append(TreeBody(body.name, parent, place, turned, weight, center, inertia, joints, sites, loop))
     return Tree(spec.modelname, model.opt.gravity.copy(), not file.is_urdf, tuple(bodies), tuple(notes))
+
+
+def _check_finite(model: Any, file: ModelFile) -> None:
+    """Refuse a model with numbers that no arithmetic carries, at the first body or joint that has one."""
+    of_bodies = ("body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia")
+    of_joints = ("jnt_pos", "jnt_axis")
+    for kind, count, names in (("body", model.nbody, of_bodies), ("joint", model.njnt, of_joints)):
+        for k in range(count):
+            if not all(_are_usable(getattr(model, name)[k]) for name in names):
+                raise ModelError(
+                    f"{file.label}, {kind} {getattr(model, kind)(k).name}: found NaN, infinity or a number beyond"
+                    f" {LARGEST_NUMBER:g}, possible are numbers; correct it."
+                )
+    if not (_are_usable(model.qpos0) and _are_usable(model.opt.gravity)):
+        raise ModelError(
+            f"{file.label}: found NaN, infinity or a number beyond {LARGEST_NUMBER:g} in <option> or ref, possible are"
+            " numbers; correct it."
+        )
+
+
+def _are_usable(numbers: Array) -> bool:
+    return bool((np.abs(numbers) <= LARGEST_NUMBER).all())
 
 
 def _first_line(error: Exception | str) -> str:
@@ -240,6 +265,11 @@ def _strip_geometry(spec: Any, file: ModelFile) -> set[str]:
     for number, body in enumerate(spec.bodies):
         body.name = body.name or f"body_{number}"
         states = bool(body.explicitinertial) and not always
+        if states and body.mass < 0:
+            raise ModelError(
+                f"{file.label}, body {body.name}: found the mass {body.mass:g} kg, possible are numbers from 0;"
+                " correct <inertial>."
+            )
         uses_geometry = not states and (always or automatic) and not file.is_urdf and _moves(body, spec.worldbody)
         shapes = [geom for geom in body.geoms if uses_geometry and _has_weight(geom)]
         if any(geom.type.name in ("mjGEOM_MESH", "mjGEOM_SDF", "mjGEOM_HFIELD") for geom in shapes):
@@ -292,9 +322,10 @@ def _read_joint(
     limit, servo = forces.get(name, (None, False))
     if model.jnt_actfrclimited[k]:
         stated = float(np.abs(model.jnt_actfrcrange[k]).min())
-        limit = min(stated, limit or stated) or None
+        if stated < NO_LIMIT:
+            limit = min(stated, limit or stated) or None
     bounds = None
-    if model.jnt_limited[k]:
+    if model.jnt_limited[k] and np.abs(model.jnt_range[k]).max() < NO_LIMIT:
         bounds = (float(model.jnt_range[k][0]), float(model.jnt_range[k][1]))
     damping = np.atleast_1d(model.dof_damping[first])
     reference = 0.0
@@ -327,5 +358,5 @@ def _find_speed(file: ModelFile, name: str) -> float | None:
                 speed = float(limit.get("velocity", "0"))
             except ValueError:
                 return None
-            return speed if 0 < speed < np.inf else None
+            return speed if 0 < speed < NO_LIMIT else None
     return None

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
+from hdagen.model_import.document_checks import find_document_fault, find_urdf_fault
 from hdagen.support.input_file import InputFileError, read_bytes
 from hdagen.support.messages import make_printable, show_path, show_value
 
@@ -76,10 +77,13 @@ def read_model_file(path: str | Path) -> ModelFile:
     root = _parse_xml(raw, label)
     if root.tag not in ("robot", "mujoco"):
         raise ModelError(
-            f"{label}: found the element {show_value(root.tag)} at the top, possible are <robot> and <mujoco>."
+            f"{label}: found the element {show_value(root.tag)} at the top, possible are <robot> and <mujoco>; name a"
+            " URDF or an MJCF file."
         )
     if any("wiki/xacro}" in str(element.tag) for element in root.iter()):
         raise ModelError(f"{label}: found xacro, possible is URDF; expand it by `xacro {label} > model.urdf`.")
+    if root.tag == "robot" and (fault := find_urdf_fault(root)):
+        raise ModelError(f"{label}: {fault}.")
     seen: list[Path] = []
     if root.tag == "mujoco":
         _follow_includes(main.resolve(), root, label, seen, len(raw))
@@ -97,10 +101,16 @@ def _read_part(path: Path, before: int) -> bytes:
 def _parse_xml(raw: bytes, label: str) -> ElementTree.Element:
     if DECLARATION.search(raw):
         raise ModelError(f"{label}: found a DOCTYPE or ENTITY, which no robot model needs; remove it.")
+    if b"\0" in raw:
+        raise ModelError(f"{label}: found text that is not in UTF-8; save it in UTF-8.")
     try:
-        return ElementTree.fromstring(raw)
+        root = ElementTree.fromstring(raw)
+        fault = find_document_fault(root)
     except (ElementTree.ParseError, ValueError, LookupError, RecursionError) as error:
         raise ModelError(f"{label}: found text that is no XML ({error}); correct it there.") from None
+    if fault:
+        raise ModelError(f"{label}: {fault}.")
+    return root
 
 
 def _follow_includes(main: Path, root: ElementTree.Element, label: str, seen: list[Path], size: int) -> int:

@@ -17,6 +17,7 @@ from hdagen.support.messages import make_printable, show_value
 
 FORBIDDEN_LETTERS = re.compile(r"[^A-Za-z0-9_.-]")
 RISE_TIME = 0.01  # s, in which a drive reaches its largest torque
+LARGEST_DISTANCE, LARGEST_MASS, LARGEST_INERTIA = 100.0, 1e4, 1e4  # m, kg and kg m²: the ranges of a robot file
 SMOOTHING = 0.01  # rad/s (m/s): the robot file's own default at ratio 1
 
 
@@ -62,6 +63,7 @@ def _check_numbers(chain: Chain, file: ModelFile) -> None:
         numbers: list[Any] = [link.origin, link.rotation, link.center, link.inertia, [link.mass, link.joint.armature]]
         if not np.isfinite(np.concatenate([np.ravel(part) for part in numbers])).all():
             raise ModelError(f"{where}: found NaN or infinity in its frame or body, possible are numbers; correct it.")
+        _check_sizes(where, link)
         moments = np.linalg.eigvalsh(link.inertia)
         if moments[0] <= 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-6):
             shown = ", ".join(f"{moment:.4g}" for moment in moments)
@@ -69,6 +71,24 @@ def _check_numbers(chain: Chain, file: ModelFile) -> None:
             raise ModelError(
                 f"{where}: found the principal moments {shown} kg m² of {bodies}, possible are moments above 0 and"
                 " none above the sum of the others; correct <inertial>."
+            )
+
+
+def _check_sizes(where: str, link: ChainLink) -> None:
+    """Refuse what no robot file may state, at its joint."""
+    joint = link.joint
+    for name, value in (("armature", joint.armature), ("damping", joint.damping), ("friction", joint.friction)):
+        if not 0 <= value < np.inf:
+            raise ModelError(f"{where}: found the {name} {value:g}, possible are numbers from 0; correct it.")
+    for noun, numbers, most, unit in (
+        ("distance", [*link.origin, *link.center], LARGEST_DISTANCE, "m"),
+        ("mass", [link.mass], LARGEST_MASS, "kg"),
+        ("inertia", np.ravel(link.inertia), LARGEST_INERTIA, "kg m²"),
+    ):
+        found = float(np.abs(numbers).max())
+        if found > most:
+            raise ModelError(
+                f"{where}: found the {noun} {found:.4g} {unit}, possible are {most:g} {unit}; state it in SI units."
             )
 
 

@@ -21,8 +21,9 @@ from hdagen.mpc.compiled_settings import find_torque_limits
 from hdagen.mpc.configuration import Configuration, list_admittance_gains, resolve_limits
 from hdagen.mpc.predictive_controller import MPC, TickReport
 from hdagen.mpc.wall import Wall
+from hdagen.simulation.ideal_admittance import simulate_ideal_admittance
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import Push, Simulation, run, simulate_ideal_admittance
+from hdagen.simulation.simulator import Push, Simulation, run
 
 WALL_DAMPING_SECONDS = 0.02  # s: damping of a wall per stiffness
 
@@ -165,7 +166,7 @@ def evaluate_trial(arm: Arm, c: Configuration, path: Reference, found: Trial, co
 
     """
     s = found.simulation
-    goal = path.position + simulate_ideal_admittance(arm, controller, s.push, path.period, list_admittance_gains(c))
+    goal = path.position + simulate_ideal_admittance(controller, s.push, path.period, list_admittance_gains(c))
     distance = np.linalg.norm(s.tip - goal, axis=1)
     broken, near = measure_violations(arm, c, s)
     free = distance[~near]

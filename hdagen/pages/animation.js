@@ -20,8 +20,7 @@ const startArm = (figure, data) => {
   if (frames < 2 || !arms.length) return self;
 
   const pose = (points, moment) => { // joints at a moment, between two frames
-    const next = Math.min(Math.max(below(time, moment), 1), frames - 1), step = time[next] - time[next - 1];
-    const share = step > 0 ? Math.min(Math.max((moment - time[next - 1]) / step, 0), 1) : 1;
+    const [next, share] = shareBetween(time, moment);
     const number = (frame, at) => points[2 * joints * frame + at];
     const mix = (at) => (1 - share) * number(next - 1, at) + share * number(next, at);
     return Array.from({ length: joints }, (_, joint) => [mix(2 * joint), mix(2 * joint + 1)]);
@@ -61,59 +60,9 @@ const startArm = (figure, data) => {
       });
       showPush(view, poses[0][joints - 1], force);
     }
-    rail.value = moment;
-    told.textContent = `${moment.toFixed(2)} s`;
   };
 
-  const play = button("\u25b6 Play", "Play or pause", () => (running ? stop() : start()));
-  const rail = make("input", { type: "range", min: begin, max: begin + length, step: length / 1e4, value: begin });
-  const told = make("output", { textContent: `${begin.toFixed(2)} s` });
-  const speed = make("select", { title: "Speed" }, ...[0.1, 0.25, 0.5, 1, 2, 4].map((rate) =>
-    make("option", { value: rate, textContent: `\u00d7 ${rate}`, selected: rate === 1 })));
-  speed.setAttribute("aria-label", "Speed");
-  rail.setAttribute("aria-label", "Time");
-  const spans = data.pushes.map(([from, to]) => {
-    const span = make("i", { title: "push" });
-    span.style.left = `${(100 * (from - begin)) / length}%`;
-    span.style.width = `${(100 * (to - from)) / length}%`;
-    return span;
-  });
-  figure.querySelector(".drawing").after(
-    make("div", { className: "player" }, play, make("div", { className: "rail" }, rail, ...spans), told, speed));
-
-  let moment = begin, running = 0, before = 0;
-  const step = (now) => {
-    moment += ((now - before) / 1000) * Number(speed.value) * (length / Math.max(data.seconds, 1e-3));
-    before = now;
-    if (moment >= begin + length) stop();
-    else running = requestAnimationFrame(step);
-    go(Math.min(moment, begin + length));
-  };
-  const go = (to) => {
-    moment = to;
-    figure.classList.add("moving");
-    show(to);
-    everyLinked(self, (one) => one !== self && one.point?.(to));
-  };
-  const start = () => {
-    if (moment >= begin + length) moment = begin;
-    before = performance.now();
-    running = requestAnimationFrame(step);
-    play.textContent = "\u275a\u275a Pause";
-  };
-  const stop = () => {
-    cancelAnimationFrame(running);
-    running = 0;
-    play.textContent = "\u25b6 Play";
-  };
-  rail.addEventListener("input", () => { stop(); go(Number(rail.value)); });
-  new ResizeObserver(() => figure.classList.contains("moving") && show(moment)).observe(figure);
-  self.point = (to) => {
-    if (running || !(to >= begin && to <= begin + length)) return;
-    moment = to;
-    figure.classList.add("moving");
-    show(to);
-  };
+  addPlayer(self, begin, length, data.seconds, data.pushes, show);
   return self;
 };
 starts.arm = startArm;

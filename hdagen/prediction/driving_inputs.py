@@ -59,9 +59,9 @@ def read_driving_inputs(arm: Arm, log: Log, source: str) -> tuple[Array, list[st
         notes += _note_exceeded_current(arm, j, name, inputs[:, j - 1])
     if problems:
         raise LogError(problems)
-    for name in ("tip_force_x", "tip_force_y"):
+    for k, name in enumerate(arm.input_names[arm.n :], arm.n):
         if name in log:
-            inputs[:, arm.index(name)] = log[name]
+            inputs[:, k] = log[name]
     return inputs, notes
 
 

@@ -7,7 +7,7 @@ t_k to the next row.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.input_stage import InputStage
 from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.control.guarded_controller import Controller, convert_to_law_space
+from hdagen.control.pose_kinematics import POSE_SIZE, choose_open_posture
 from hdagen.control.reference_motion import Reference, solve_inverse_kinematics
 from hdagen.log.measured_log import Log
 from hdagen.simulation.simulated_sensors import SensorErrors, Sensors, resolve_sensor_errors
@@ -32,7 +33,6 @@ __all__ = [
     "find_start",
     "run",
     "simulate",
-    "simulate_ideal_admittance",
     "sum_push_forces",
 ]
 
@@ -192,7 +192,7 @@ def find_start(arm: Arm, reference: Reference, start: ArrayLike | None) -> Array
     Args:
         arm: The arm.
         reference: The motion.
-        start: (n), joint positions next to them; None: a bent arm.
+        start: (n), joint positions next to them; None: a bent arm, in space one far from singular postures.
 
     Returns:
         (n), rad (m where prismatic).
@@ -201,11 +201,14 @@ def find_start(arm: Arm, reference: Reference, start: ArrayLike | None) -> Array
         PlantError: The motion begins out of reach.
 
     """
-    near = np.full(arm.n, 0.6)
-    if start is not None:
-        near = np.asarray(start, float)
     if reference.space != "tip":
         return reference.position[0]
+    if start is not None:
+        near = np.asarray(start, float)
+    elif arm.moves_in_space:
+        near = choose_open_posture(arm)
+    else:
+        near = np.full(arm.n, 0.6)
     return solve_inverse_kinematics(arm, reference.position[0], near)
 
 
@@ -214,7 +217,7 @@ def _check_sizes(arm: Arm, controller: Controller, reference: Reference) -> None
         raise PlantError(f"the controller is of an arm with {controller.arm.n} joints and the plant has {arm.n}.")
     width = arm.n
     if reference.space == "tip":
-        width = 2
+        width = POSE_SIZE if arm.moves_in_space else 2
     parts = (reference.position, reference.velocity, reference.acceleration)
     rows = len(reference.position)
     if not rows or any(part.shape != (rows, width) or not np.isfinite(part).all() for part in parts):
@@ -310,40 +313,3 @@ def _simulate_ticks(
         if progress is not None and k % 500 == 0:
             progress(k, count)
     return seen, state, torque, shown, status
-
-
-def simulate_ideal_admittance(
-    arm: Arm, controller: Controller, push: Array, period: float, gains: Mapping[str, float] | None = None
-) -> Array:
-    """Simulate the admittance M ẍ + B ẋ + K x = F that a Cartesian law is to show.
-
-    Args:
-        arm: The arm.
-        controller: The controller, with the gains M, B and K.
-        push: (T, 2), the force F, N.
-        period: The time between rows, s.
-        gains: The gains of another admittance; None: the controller's.
-
-    Returns:
-        (T, 2), the tip's displacement x, m.
-
-    Raises:
-        PlantError: The law has no Cartesian mass, damping and stiffness.
-
-    """
-    from scipy.linalg import expm
-
-    names: Mapping[str, float] = controller.gains
-    if gains is not None:
-        names = gains
-    if "mass_x" not in names:
-        raise PlantError(f"{controller.law} has no Cartesian mass, damping and stiffness.")
-    moved = np.zeros_like(push)
-    for axis, name in enumerate("xy"):
-        M, B, K = (names[f"{what}_{name}"] for what in ("mass", "damping", "stiffness"))
-        E = expm(np.array([[0, 1, 0], [-K / M, -B / M, 1 / M], [0, 0, 0]]) * period)
-        z = np.zeros(2)
-        for k in range(len(push)):
-            moved[k, axis] = z[0]
-            z = E[:2, :2] @ z + E[:2, 2] * push[k, axis]
-    return moved

@@ -19,6 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from replayed import FLEXIBLE, MEMORY, RIGID, diagnosis, simulated, smooth
+from uncompiled import load_uncompiled
 
 from hdagen.adoption.robot_file import NumberPlace, RobotFile
 from hdagen.adoption.robot_update import AdoptedRobot, adopt
@@ -109,10 +110,11 @@ def test_adopting_closes_the_gap(log: Log, tmp_path: Path) -> None:
     assert after < 0.7 * before
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_a_gear_that_differs_is_no_longer_the_catalogue_s(tmp_path: Path) -> None:
     changed = adopted(tmp_path, GEARED, diagnosis(verdict=[], parameters={"flexspline_stiffness_1": 1.0e4}))
     assert "began as CSG-17-100 of the catalogue" in changed.text
-    old, new = (load(tmp_path / name) for name in ("robot.toml", "new.toml"))
+    old, new = (load_uncompiled(tmp_path / name) for name in ("robot.toml", "new.toml"))
     differ = {name for name, value in old.parameters.items() if new.parameters[name] != value}
     assert differ == {"flexspline_stiffness_1"} and new.parameters["flexspline_stiffness_1"] == 1.0e4
     assert new.robot["joints"][0]["drive"]["hysteresis_loss"] == 2.9e-4
@@ -121,6 +123,7 @@ def test_a_gear_that_differs_is_no_longer_the_catalogue_s(tmp_path: Path) -> Non
     assert 'catalogue = "CSG-17-100" # the gear' in kept.text
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_only_what_the_diagnosis_says_is_changed(tmp_path: Path) -> None:
     text = arms.SMALL.replace("mass = 4.5\n", "mass = {value = 4.5, tolerance = 0.1}   # weighed, with the cable\n")
     text = "# the arm in the cellar\n" + text.replace("coulomb_friction = 0.03", "coulomb_friction = 0.03\t# by hand")
@@ -149,6 +152,7 @@ def test_only_what_the_diagnosis_says_is_changed(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_line_ends_marks_and_odd_spellings_are_kept(tmp_path: Path) -> None:
     text = arms.SMALL.replace(
         "gravity = [0.0, -9.81]", "gravity = [\n  0.0,  # x\n  {value = -9.81, tolerance = 0.01},\n]"
@@ -160,9 +164,10 @@ def test_line_ends_marks_and_odd_spellings_are_kept(tmp_path: Path) -> None:
     raw = (tmp_path / "new.toml").read_bytes()
     assert raw.startswith(b"\xef\xbb\xbf") and b"{value = -9.7, tolerance = 0.01},\r\n" in raw
     assert raw.count(b"\n") == raw.count(b"\r\n") and b"  0.0,  # x\r\n" in raw
-    assert load(tmp_path / "new.toml").parameters["gravity_y"] == -9.7
+    assert load_uncompiled(tmp_path / "new.toml").parameters["gravity_y"] == -9.7
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_an_effect_that_is_little_known_keeps_its_width_and_one_that_is_there_is_changed(tmp_path: Path) -> None:
     stated = diagnosis(verdict=["current_bias@1", "payload@1"], causes=[BIAS, {**PAYLOAD, "joint": 1}], parameters={})
     first = adopted(tmp_path, arms.SMALL, stated)
@@ -175,6 +180,7 @@ def test_an_effect_that_is_little_known_keeps_its_width_and_one_that_is_there_is
     assert len(tomllib.loads(second.text)["effect"]) == 2
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_what_is_beyond_the_tolerance_and_what_is_unknown_is_said(tmp_path: Path) -> None:
     found = adopted(tmp_path, arms.SMALL, diagnosis(verdict=["unknown@1"], parameters={"mass_1": {"value": 9.0}}))
     assert found.changes[0].after == pytest.approx(4.5 * 1.15)
@@ -219,6 +225,7 @@ def test_a_diagnosis_that_does_not_fit_changes_nothing(changes: dict, words: str
     assert (tmp_path / "robot.toml").read_text() == arms.SMALL
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_the_robot_that_was_diagnosed_is_accepted(tmp_path: Path) -> None:
     assert adopted(tmp_path, arms.SMALL, small(robot=ROBOT)).changes
 

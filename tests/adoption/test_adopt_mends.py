@@ -11,13 +11,14 @@ from pathlib import Path
 import arms
 import pytest
 from replayed import SENSORS, diagnosis, simulated
+from uncompiled import load_uncompiled
 
 from hdagen.__main__ import main
 from hdagen.adoption.robot_identity import compute_robot_identity
 from hdagen.adoption.robot_update import AdoptedRobot, adopt
 from hdagen.arm.build_loader import PlantError
-from hdagen.arm.compiled_arm import Arm, load
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.held_out_rows import name_rows
 from hdagen.diagnosis.data.split import split_logs
 from hdagen.log.measured_log import write
@@ -45,6 +46,7 @@ def named(entry: str, base: dict | None = None, **values: float) -> dict:
     return diagnosis(verdict=[entry], causes=[cause], parameters=base or {})
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_friction_that_its_smoothing_does_not_carry_gets_a_wider_one(tmp_path: Path) -> None:
     text = AT_JOINT_SCALE.replace("coulomb_friction = 0.03", "coulomb_friction = 1.0").replace("0.00013", "0.1")
     found = adopted(tmp_path, text + "friction_smoothing = 0.02\n", named("coulomb_friction@1", coulomb_friction=20.0))
@@ -52,11 +54,12 @@ def test_friction_that_its_smoothing_does_not_carry_gets_a_wider_one(tmp_path: P
     smoothing = changes["joint[1].drive.friction_smoothing"]
     assert smoothing.before == 0.02 and smoothing.after > 0.02
     assert any("friction_smoothing: 0.02 rad/s does not carry the corrected model" in note for note in found.notes)
-    new = load(tmp_path / "new.toml")
+    new = load_uncompiled(tmp_path / "new.toml")
     assert new.parameters["coulomb_friction_1"] == 20.0
     assert new.parameters["friction_smoothing_1"] == pytest.approx(smoothing.after)
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_damping_that_its_step_does_not_carry_gets_a_smaller_one(tmp_path: Path) -> None:
     text = "# base\n" + arms.arm("R").replace("step = 0.0005\n", "").replace("damping = 6.0", "damping = 60.0")
     found = adopted(tmp_path, text, named("joint_damping@1", torsional_damping=1000.0))
@@ -64,13 +67,14 @@ def test_damping_that_its_step_does_not_carry_gets_a_smaller_one(tmp_path: Path)
     assert step.before == 5e-4 and step.after < 5e-4
     lines = found.text.splitlines()
     assert lines[lines.index("gravity = [0.0, -9.81]") + 1] == f"step = {step.after} # s"
-    assert load(tmp_path / "new.toml").step_size == step.after
+    assert load_uncompiled(tmp_path / "new.toml").step_size == step.after
     assert any(line.startswith("+step = ") for line in found.difference)
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_a_step_that_does_what_a_refusal_says_leaves_the_robot_the_one_that_was_diagnosed(tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_text(arms.SMALL)
-    own = load(tmp_path / "robot.toml").robot
+    own = load_uncompiled(tmp_path / "robot.toml").robot
     stated = named("current_bias@1", bias=0.02) | {
         "robot": {"name": own["name"], "identity": compute_robot_identity(own), "sha256": "0" * 64}
     }
@@ -80,9 +84,10 @@ def test_a_step_that_does_what_a_refusal_says_leaves_the_robot_the_one_that_was_
         adopted(tmp_path, arms.SMALL.replace("mass = 4.5", "mass = 4.6"), stated)
 
 
+@pytest.mark.usefixtures("uncompiled")
 @pytest.mark.parametrize(("beyond", "said"), [(-2e-10, False), (-5.0, True)])
 def test_what_lies_beyond_an_end_of_its_range_is_taken_there(beyond: float, said: bool, tmp_path: Path) -> None:
-    least = load(_written(tmp_path)).parameters.described["mass_1"].low
+    least = load_uncompiled(_written(tmp_path)).parameters.described["mass_1"].low
     base = {"mass_1": {"value": least * (1 + beyond), "std": 1e-3}}
     text = arms.SMALL.replace("mass = 4.5", "mass = {value = 4.5, tolerance = 0.5}")
     found = adopted(tmp_path, text, named("payload@1", base, payload_mass=-1e-12 if not said else beyond))
@@ -96,6 +101,7 @@ def _written(folder: Path) -> Path:
     return folder / "robot.toml"
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_a_parameter_of_which_the_log_told_nothing_keeps_its_number(tmp_path: Path) -> None:
     prior = 0.05 * 4.5
     said = {"value": 4.5 + 0.05 * prior, "std": 0.97 * prior, "unit": "kg"}
@@ -108,11 +114,12 @@ def test_a_parameter_of_which_the_log_told_nothing_keeps_its_number(tmp_path: Pa
     assert tomllib.loads(found.text)["joint"][0]["mass"] == 4.5
 
 
+@pytest.mark.usefixtures("uncompiled")
 def test_a_spring_goes_into_the_joint_that_it_was_found_in_and_no_other(tmp_path: Path) -> None:
     text = arms.arm("RR", rigid="rr", drive="friction_smoothing = 1.0")
     stated = named("missing_compliance@2", missing_compliance=2e-4, missing_damping=3.0)
     assert len(adopted(tmp_path, text, stated).changes) == 2
-    new = load(tmp_path / "new.toml")
+    new = load_uncompiled(tmp_path / "new.toml")
     assert new.manifest["flexible"] == [2]
     assert new.parameters["missing_compliance_2"] == 2e-4 and "missing_compliance_1" not in new.parameters
 

@@ -10,11 +10,11 @@ import arms
 import numpy as np
 import pytest
 from replayed import diagnosis, simulated
-from uncompiled import UncompiledArm, find_settings, load_uncompiled
+from uncompiled import UncompiledArm
 
 from gen.effects import ALL, NOMINAL_NAMES
 from gen.effects.file_numbers import FILE_NUMBERS
-from hdagen.adoption import robot_update, verdict
+from hdagen.adoption import verdict
 from hdagen.adoption.robot_update import AdoptedRobot, adopt, describe_change
 from hdagen.arm.arm_parameters import Parameter
 from hdagen.arm.build_loader import PlantError
@@ -24,14 +24,6 @@ from hdagen.prediction.window_replay import replay
 RIGID, SPRUNG = arms.SMALL, arms.arm("R")
 SPRING = '[[effect]]\nname = "missing_compliance"\njoint = 1\nmissing_compliance = 2e-4\nmissing_damping = 3.0\n'
 NAMES = tuple(effect.name for effect in ALL)
-
-
-@pytest.fixture
-def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Models are described and checked as ever, and not compiled."""
-    for module in (verdict, robot_update):
-        monkeypatch.setattr(module, "load", load_uncompiled)
-    monkeypatch.setattr(robot_update, "find_stable_settings", find_settings)
 
 
 def cause(name: str, joint: int, **values: float) -> dict:

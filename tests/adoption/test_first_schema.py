@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
-import arms
 import numpy as np
 import pytest
 from replayed import FLEXIBLE
@@ -50,8 +48,8 @@ def test_its_verdict_is_read(given: Path | dict[str, object]) -> None:
     assert said.base_parameters == {"mass_1": 4.1}
 
 
-def test_it_is_adopted(tmp_path: Path, build: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HDAGEN_BUILD", str(build(arms.SMALL).folder.parent))
+@pytest.mark.usefixtures("uncompiled")
+def test_it_is_adopted(tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_text(FLEXIBLE, encoding="utf-8")
     done = adopt(STORED, tmp_path / "robot.toml", tmp_path / "new.toml")
     assert "current_bias" in (tmp_path / "new.toml").read_text(encoding="utf-8") and done

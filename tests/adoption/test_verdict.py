@@ -25,7 +25,7 @@ def test_the_verdict_closes_the_gap_and_without_the_effect_it_comes_back(made: C
     truth = made(FLEXIBLE, MEMORY)
     truth.parameters.update(HYSTERESIS | {"mass_1": 4.6})
     log = simulated(truth, 3.0)
-    arm = made(FLEXIBLE, ("transmission_hysteresis",))
+    arm = made(FLEXIBLE, MEMORY)
     before = replay(arm, log).gap
     after = replay(arm, log, with_=diagnosis()).gap
     effect_out = replay(arm, log, with_=diagnosis(verdict=[])).gap

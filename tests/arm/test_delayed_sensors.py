@@ -70,12 +70,8 @@ def test_without_a_delay_nothing_changes(arm: Arm) -> None:
 
 
 @pytest.mark.parametrize("delays", [(0.0, 0.0), (2e-3, 0.0), (-1e-3, 4e-4)])
-@pytest.mark.parametrize("profile", ["portable", "native"])
-def test_positions_alone_are_read_as_with_everything_else(
-    build: Builder, profile: str, delays: tuple[float, float]
-) -> None:
+def test_positions_alone_are_read_as_with_everything_else(arm: Arm, delays: tuple[float, float]) -> None:
     """Through every effect of an encoder, and where the drive is rigid."""
-    arm = Arm(build(ROBOT, profile, effects=EFFECTS).folder)
     time = np.concatenate([PERIOD * np.arange(60), 1.0 + PERIOD * np.arange(40)])
     x, u, begins = ringing(arm, time), np.zeros((100, arm.nu)), np.array([0, 30, 60])
     x[:, arm.index("motor_position_2")] = 100.0 * np.cos(3 * time)
@@ -94,10 +90,12 @@ def test_positions_alone_are_read_as_with_everything_else(
     assert (np.abs(seen["joint_position"] - truth) > 0.05).all()
 
 
-@pytest.mark.parametrize("profile", ["portable", "native"])
-def test_between_rows_it_is_the_cubic_of_angle_and_speed(build: Builder, profile: str) -> None:
+@pytest.mark.parametrize(("robot", "profile", "effects"), [(ROBOT, "portable", EFFECTS), ("paper", "native", ())])
+def test_between_rows_it_is_the_cubic_of_angle_and_speed(
+    build: Builder, robot: str, profile: str, effects: tuple[str, ...]
+) -> None:
     """Against SciPy's, on rows at uneven times, for ages of less than a row and of many."""
-    arm = Arm(build(ROBOT, profile, effects=EFFECTS).folder)
+    arm = Arm(build(robot, profile, effects).folder)
     time = np.cumsum(np.random.default_rng(1).uniform(0.5e-3, 1.4e-3, 200))
     x = ringing(arm, time)
     for age in (1e-4, 1.7e-3, 1.9e-2, -3e-3):

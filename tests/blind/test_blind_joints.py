@@ -353,7 +353,7 @@ def test_seed_and_labels_stay_with_the_process_that_sealed_them(
     command = (sys.executable, str(program))
     asked = Check("joint", 1, "a seed that nobody told", ClusterRequest(1), 2.0, out, True, command)
     rows, closed = sealed_check.run_check(asked, lambda _: None)
-    case = draw_cases(asked.seed, asked.kind, 1)[0]
+    case = draw_cases(asked.seed, asked.population, 1)[0]
     folder = out / "cases" / case.name
     told = [json.loads(line) for line in seen.read_text().splitlines()]
     assert [one[0] for one in told] == ["diagnose", "replay", "replay", "replay"]

@@ -93,7 +93,7 @@ def test_builds_at_once_make_one(robot: Path, tmp_path: Path) -> None:
     assert names(out) == [".lock", Path(folder).name]
 
 
-@pytest.mark.parametrize("kills", [50, pytest.param(400, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("kills", [24, pytest.param(400, marks=pytest.mark.campaign)])
 def test_a_kill_leaves_nothing_or_a_whole_build(robot: Path, tmp_path: Path, kills: int) -> None:
     stub, out = stub_compiler(tmp_path), tmp_path / "build"
     command = [

@@ -12,7 +12,8 @@ import arms
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import SENSORS
+from replayed import ONE
+from uncompiled import UncompiledArm
 
 from hdagen.__main__ import main
 from hdagen.arm.build_loader import PlantError
@@ -38,15 +39,6 @@ from hdagen.log.data_table import read_parquet
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import run
 
-LIMITS = """torque_constant = 0.05
-max_current = 10.0
-[joint.limits]
-position = [-1.5, 1.5]
-speed = 2.0
-torque = 60.0
-motor_torque_rate = 50.0
-"""
-ONE = arms.arm("R", name="one joint", drive=LIMITS + SENSORS)
 SECONDS = 3.0
 MIXED, SLOW = "multisine, reversals, holds", "slow reversals of falling amplitude"
 TYPICAL = {  # usual sizes by effect, as the robot's numbers and the effects' sources give them
@@ -220,10 +212,9 @@ def test_what_the_file_does_not_state_is_assumed_and_said(build: Callable[..., C
     assert {note.split()[0] for note in told.notes} == {"torque", "current"}
 
 
-def test_a_limit_told_of_one_joint_is_still_assumed_of_the_others_and_units_are_said(
-    build: Callable[..., Compiled],
-) -> None:
-    bare = Arm(build(arms.CHAINS["RPR"]).folder)
+def test_a_limit_told_of_one_joint_is_still_assumed_of_the_others_and_units_are_said(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(arms.CHAINS["RPR"])
+    bare = UncompiledArm(tmp_path / "robot.toml")
     assumed = dict(
         note.removesuffix(" is assumed.").split(": no limit is stated; ") for note in narrow_limits(bare).notes
     )

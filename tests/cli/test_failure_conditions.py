@@ -26,6 +26,7 @@ from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.report import report_page, sentences
 from hdagen.diagnosis.search import hypothesis_search
 from hdagen.diagnosis.stages.stage import Stage
+from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.fleet import fleet_diagnosis, fleet_page, machine_task
 
 Run = Callable[..., int]
@@ -55,7 +56,8 @@ def diagnose(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     def run(*options: str, content: Mapping[str, Any] = FOUND) -> int:
         result: Any = SimpleNamespace(content=content, failures=())
 
-        def find(*_: Any, on_stage: Callable[[Stage], None]) -> Diagnosis:
+        def find(*_: Any, on_stage: Callable[[Stage], None], budget: TimeBudget) -> Diagnosis:
+            assert not budget.is_up
             on_stage(Stage.MODELS)
             hypothesis_search.LOGGER.info("fitting payload@1, round 1 of 3")
             on_stage(Stage.SCREENING)

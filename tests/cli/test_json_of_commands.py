@@ -99,7 +99,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     result: Any = SimpleNamespace(content=FOUND, failures=("a stage failed.",))
     found = Diagnosis(result, "robot.toml", ("log.csv",), ())
-    monkeypatch.setattr(pipeline, "diagnose", lambda *_, on_stage: found)
+    monkeypatch.setattr(pipeline, "diagnose", lambda *_, on_stage, budget: found)
     monkeypatch.setattr(report_page, "write_report", lambda *_: None)
     return tmp_path
 

@@ -93,11 +93,12 @@ def test_what_only_its_owner_can_mend_is_refused(what: str, good: Log, arm: Arm)
     assert all(problem.startswith("simulated: ") and problem.endswith(".") for problem in raised.value.problems)
 
 
+@pytest.mark.parametrize("count", [1, pytest.param(3, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("what", [*MENDED, *LESSENED, *REFUSED])
-def test_no_damage_of_a_made_log_passes_in_silence(what: str, made: list[tuple[Log, Arm]]) -> None:
-    """Each damage on three logs, other ones for each, with whatever effect they have."""
+def test_no_damage_of_a_made_log_passes_in_silence(what: str, count: int, made: list[tuple[Log, Arm]]) -> None:
+    """Each damage on so many logs, other ones for each, with whatever effect they have."""
     first = 11 * [*MENDED, *LESSENED, *REFUSED].index(what)
-    for log, arm in (made[(first + 37 * k) % len(made)] for k in range(3)):
+    for log, arm in (made[(first + 37 * k) % len(made)] for k in range(count)):
         if what in REFUSED:
             with pytest.raises(LogError):
                 repair_log(REFUSED[what][0](log), arm)

@@ -69,7 +69,7 @@ from hdagen.log.measured_log import Log, write
 truth = json.loads(sys.argv[1])
 arm = load("robot.toml", effects=("magnetic_detent",))
 arm.parameters.update({f"{name}_1": value for name, value in truth.items()})
-time = np.arange(6000) * 1e-3
+time = np.arange(4000) * 1e-3
 waves = np.sin(2 * np.pi * np.outer(time, [0.31, 0.9, 2.3]) + [0.0, 1.0, 2.0])
 u = np.zeros((len(time), arm.nu))
 u[:, 0] = np.minimum(2.0 * time, 1.0) * (waves @ [3.0, 1.4, 0.7])

@@ -56,9 +56,10 @@ def test_a_result_is_frozen_and_explains_its_attributes(result: Any) -> None:
 
 def test_a_hold_out_and_a_listener_are_optional() -> None:
     parameters = inspect.signature(diagnose).parameters
-    assert list(parameters) == ["robot", "logs", "holdout", "on_stage"]
-    assert parameters["holdout"].default == () and parameters["on_stage"].default is None
-    assert parameters["on_stage"].kind is inspect.Parameter.KEYWORD_ONLY
+    assert list(parameters) == ["robot", "logs", "holdout", "on_stage", "budget"]
+    assert parameters["holdout"].default == ()
+    for name in ("on_stage", "budget"):
+        assert parameters[name].default is None and parameters[name].kind is inspect.Parameter.KEYWORD_ONLY
 
 
 def test_a_diagnosis_tells_its_verdict_and_saves_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import space_robots
@@ -14,16 +15,16 @@ from test_chain_in_space import Pinocchio
 
 import hdagen
 from hdagen.arm.build_loader import PlantError
-from hdagen.arm.compiled_arm import Arm, load
+from hdagen.arm.compiled_arm import Arm
+from hdagen.bench import simulator_race
 from hdagen.control.guard_limits import Guard, Safe
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.joint_swing import swing_joints
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Push, SpacePush, run
 
-FRICTION = 0.3
-LIMITS = "\n[joint.limits]\nposition = [-1.5, 1.5]\nspeed = 3.0\ntorque = 80.0\nmotor_torque_rate = 8000.0\n"
-TEXT = space_robots.chain("RPRR", 11).replace("coulomb_friction = 0.0", f"coulomb_friction = {FRICTION}{LIMITS}")
+FRICTION = space_robots.FOUR_JOINTS_FRICTION
+TEXT = space_robots.four_joint_arm()
 ROWS = 300
 
 
@@ -166,23 +167,20 @@ def test_a_push_of_the_plane_is_refused(arm: Arm) -> None:
         run(arm, controller, swing_joints(arm, 1.0, 0.01), (Push(0.0, 0.005, (1.0, 0.0)),))
 
 
-def test_laws_of_the_plane_are_not_there(arm: Arm) -> None:
-    with pytest.raises(PlantError, match="no controller named impedance_cartesian; there are position, "):
-        Controller(arm, "impedance_cartesian", Guard(Safe.ZERO))
-
-
-def test_what_knows_the_plane_alone_refuses_the_arm(built: Compiled, tmp_path: Path) -> None:
+def test_a_log_in_space_is_checked_and_replayed(built: Compiled, tmp_path: Path) -> None:
     robot, out = tmp_path / "robot.toml", built.folder.parent
     robot.write_text(TEXT)
-    assert load(robot, out=out, in_space=True).n == 4
-    with pytest.raises(PlantError, match="its joints stand in space, where this works for arms in the plane alone"):
-        load(robot, out=out)
     arm = hdagen.load_robot(robot, out=out)
-    log = run(arm, Controller(arm, "position", Guard(Safe.ZERO)), swing_joints(arm, 1.0, 0.1)).log
-    with pytest.raises(PlantError, match="stand in space"):
-        hdagen.replay(arm, log)
-    with pytest.raises(PlantError, match="stand in space"):
-        hdagen.check(arm, log)
+    guard = Guard(Safe.DAMPING, safe_damping=(2.0,) * arm.n)
+    sensors = Sensors((1e-4,) * arm.n, (1e-4,) * arm.n, (0.02,) * arm.n, force_noise=0.0)
+    push = SpacePush(0.5, 2.0, (0.0, 3.0, -2.0, 0.5, 0.0, -0.5))
+    log = run(arm, Controller(arm, "position", guard), swing_joints(arm, 2.0, 3.0), (push,), sensors).log
+    assert hdagen.check(arm, log).is_usable
+    assert hdagen.replay(arm, log).gap < 1.5
+    blind = {"time": log.logged_time} | {k: v for k, v in log.columns.items() if not k.startswith("tip_")}
+    assert hdagen.replay(arm, blind).gap > 5.0  # the wrench on the tip is a part of the motion
+    named = {k.replace("_2", "_axis_2") if k.startswith("joint_pos") else k: v for k, v in blind.items()}
+    assert "joint_position_axis_2" in named and hdagen.replay(arm, named).gap == hdagen.replay(arm, blind).gap
 
 
 def test_the_predictive_controller_refuses_the_arm(tmp_path: Path) -> None:
@@ -194,3 +192,23 @@ def test_the_predictive_controller_refuses_the_arm(tmp_path: Path) -> None:
     with pytest.raises(BuildError, match="its joints stand in space, possible with --mpc are arms in the plane"):
         build_robot(str(robot), "portable", tmp_path / "build", (), parse_structure("nodes=20,walls=2,space=tip"))
     assert not (tmp_path / "build").exists() and tomllib.loads(TEXT)["tip"]
+
+
+def test_the_simulators_that_are_raced_have_the_same_arm(arm: Arm) -> None:
+    """Accelerations of the models that `hdagen bench` times are ours, without dry friction; and each run runs."""
+    document = simulator_race._write_model(arm)
+    model = simulator_race.compile_frictionless(mujoco, document)
+    data = mujoco.MjData(model)
+    names = [f"coulomb_friction_{j}" for j in range(1, arm.n + 1)]
+    p = arm.p.copy()
+    p[[list(arm.parameters.described).index(name) for name in names]] = 0.0
+    free, (x, _) = arm.with_parameters(p), draw(arm, 5)
+    for row in x:
+        data.qpos[:], data.qvel[:] = row[: arm.n], row[arm.n :]
+        mujoco.mj_forward(model, data)
+        assert free.rhs(row, np.zeros(arm.nu))[arm.n :] == pytest.approx(data.qacc, rel=1e-6, abs=1e-6)
+    runs = simulator_race.list_simulator_runs(arm)
+    assert list(runs)[:3] == ["forward dynamics", "forward dynamics with derivatives", "MuJoCo, Runge–Kutta step"]
+    for repeat, count in runs.values():
+        repeat()
+        assert count == simulator_race.STEPS

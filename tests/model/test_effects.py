@@ -17,15 +17,20 @@ from gen.effects import ALL, NOMINAL, kinematic_error, thermal_friction
 from gen.effects.effect import Effect, Port, Signals
 from gen.model import harmonic_drive, input_effects, mechanics
 from gen.model.arm_model import Model
+from gen.model.arm_motion import ArmMotion
 from gen.robot.load_robot import load
 from gen.robot.model_parameters import list_parameters
 
 Builder = Callable[..., Compiled]
-EVERY = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
+IN_SPACE = tuple(effect.space_form for effect in ALL if effect.space_form)
+FORMS = [*(pytest.param(effect, id=effect.name) for effect in ALL)]
+FORMS += [pytest.param(effect, id=f"{effect.name} in space") for effect in IN_SPACE]
+EVERY = pytest.mark.parametrize("effect", FORMS)
 ROBOT = load("paper")
 KEYS = {
     q.name.removesuffix("_1"): q for q in list_parameters(ROBOT) if q.joint in (0, 1)
 }  # what equations read of the robot file
+KEYS_IN_SPACE = {"gravity_z": "m/s²"}
 SIGNALS = {
     "current": "A",
     "motor_position": "rad",
@@ -59,13 +64,19 @@ TERM = {
     Port.SENSOR: ("rad",),
     Port.TORQUE_SENSOR: ("N m",),
 }
+TERM_IN_SPACE = {
+    Port.BASE: ("m/s²", "m/s²", "m/s²"),
+    Port.MASS: ("kg", "m", "m", "m"),
+    Port.STAND: ("rad/(N m)", "1/s²"),
+}
+NO_SUMS = {"gravity_tilt", "payload", "base_compliance"}  # in space: the model's motion shows their amplitudes
 CURVED = {"current_saturation", "voltage_sag", "backlash", "sensor_delay", "missing_compliance"}  # by their nature
 
 
 def symbols(effect: Effect) -> dict[str, tuple[Any, str]]:
     """What the equation may read, as symbols with units: signals, its states, its and the robot's parameters."""
     own = {p.name: p.unit for p in effect.parameters} | {s.name: s.unit for s in effect.states}
-    named = SIGNALS | {name: key.unit for name, key in KEYS.items()} | own | {"memory_step": "s"}
+    named = SIGNALS | {name: key.unit for name, key in KEYS.items()} | own | {"memory_step": "s", **KEYS_IN_SPACE}
     return {name: (ca.SX.sym(name), unit) for name, unit in named.items()}
 
 
@@ -74,10 +85,17 @@ def equation(effect: Effect) -> tuple[ca.Function, list[str], list[str]]:
     given = symbols(effect)
     names = {name: s for name, (s, _) in given.items()}
     states = {s.name: names[s.name] for s in effect.states}
-    result = effect.equation(Signals(**{name: names[name] for name in SIGNALS}, states=states), names)
+    field = ca.vertcat(*(names[f"gravity_{axis}"] for axis in "xyz"))
+    axes = (ca.DM([0.6, 0.8, 0.0]), ca.DM([0.0, 0.0, 1.0]))
+    signals = Signals(**{name: names[name] for name in SIGNALS}, states=states, gravity=field, level_axes=axes)
+    result = effect.equation(signals, names)
     term, rates = result if effect.states else (result, ())
+    if isinstance(term, ca.SX):
+        term = tuple(ca.vertsplit(term))
     out = [*(term if isinstance(term, tuple) else (term,)), *rates]
-    units = [*TERM[effect.port], *(f"{s.unit}/s" for s in effect.states)]
+    terms = TERM_IN_SPACE if effect in IN_SPACE else {}
+    units = [*(terms | {port: TERM[port] for port in TERM if port not in terms})[effect.port]]
+    units += [f"{s.unit}/s" for s in effect.states]
     arguments = ca.vertcat(*names.values())
     return ca.Function(effect.name, [arguments], [ca.vertcat(*out)]), [unit for _, unit in given.values()], units
 
@@ -128,7 +146,7 @@ def test_an_effect_names_its_numbers_and_its_source(effect: Effect) -> None:
         factor(p.unit, np.ones(4))
     for s in effect.states:
         assert s.bound > 0 and s.meaning, s
-    known = {p.name for p in effect.parameters} | set(KEYS)
+    known = {p.name for p in effect.parameters} | set(KEYS) | set(KEYS_IN_SPACE)
     assert effect.amplitudes and set(effect.amplitudes) <= known
     sized = {p.name for p in effect.parameters} | set(effect.usual_shares)
     assert effect.name == "gravity" or set(effect.amplitudes) <= sized, "an amplitude without a usual size"
@@ -136,12 +154,14 @@ def test_an_effect_names_its_numbers_and_its_source(effect: Effect) -> None:
         assert all(p.nominal == 0.0 for p in effect.parameters if p.name in effect.amplitudes)
 
 
-def test_names_are_unique() -> None:
+@pytest.mark.parametrize("in_space", [False, True])
+def test_names_are_unique(in_space: bool) -> None:
     """Effects, and all parameters and states that can stand in one model."""
-    names = [effect.name for effect in ALL]
-    assert len(set(names)) == len(names)
-    inner = [*KEYS, *(q.name for effect in ALL for q in effect.parameters)]
-    inner += [state.name for effect in ALL for state in effect.states]
+    forms = [effect.choose_form(in_space) for effect in ALL]
+    assert [form.name for form in forms] == [effect.name for effect in ALL]
+    assert len({form.name for form in forms}) == len(forms)
+    inner = [*KEYS, *(q.name for form in forms for q in form.parameters)]
+    inner += [state.name for form in forms for state in form.states]
     assert len(set(inner)) == len(inner)
     assert set(NOMINAL) <= set(ALL)
 
@@ -180,7 +200,11 @@ def test_units_balance(effect: Effect) -> None:
         assert np.allclose(there, expected, rtol=1e-12, atol=1e-13 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("effect", [e for e in ALL if e.name not in CURVED], ids=lambda effect: effect.name)
+def is_sum(effect: Effect) -> bool:
+    return effect.name not in (CURVED | NO_SUMS if effect in IN_SPACE else CURVED)
+
+
+@pytest.mark.parametrize("effect", [form for form in FORMS if is_sum(form.values[0])])  # type: ignore[arg-type]
 def test_the_term_is_linear_in_its_amplitudes(effect: Effect) -> None:
     """Half of every amplitude is half of the term; none is none."""
     f, _, units = equation(effect)
@@ -320,9 +344,9 @@ class Rates:
         m = self.model = Model(ROBOT, effects)
         made, definitions = m.inverse_definitions()
         drives = {j: m.drive_outputs(j, m.joint_parameters(j)) for j in m.joints}
-        smooth, _ = m.equations_of_motion(drives)
-        s = ca.SX.sym("sliding", m.n)
-        exact, hold = m.equations_of_motion(
+        motion, s = ArmMotion(m), ca.SX.sym("sliding", m.n)
+        smooth, _ = motion.equations_of_motion(drives)
+        exact, hold = motion.equations_of_motion(
             {j: m.drive_outputs(j, m.joint_parameters(j), exact=s[j - 1]) for j in m.joints}, s
         )
         sensed = mechanics.sensor_outputs(m, drives)

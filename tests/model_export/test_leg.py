@@ -170,12 +170,20 @@ def test_a_joint_that_is_not_there_is_named(export: Export) -> None:
     assert "name each" in refuse(export, "mjcf", "leg.toml", *WITH, *INTO, "--joints", "hip")
 
 
-def test_a_joint_in_an_included_file_is_refused(export: Export) -> None:
+def test_a_joint_in_an_included_file_changes_there(export: Export) -> None:
+    """Under a name of its own, which the new model includes; the user's files stay."""
     text = Path("leg.xml").read_text()
     begin, end = text.index("<worldbody>"), text.index("</worldbody>") + len("</worldbody>")
-    Path("legs.xml").write_text(f"<mujocoinclude>{text[begin:end]}</mujocoinclude>")
-    Path("leg.xml").write_text(text[:begin] + '<include file="legs.xml"/>' + text[end:])
-    assert "legs.xml" in refuse(export, "mjcf", "leg.toml", *WITH, *INTO)
+    inner, outer = (
+        f"<mujocoinclude>{text[begin:end]}</mujocoinclude>",
+        text[:begin] + '<include file="legs.xml"/>' + text[end:],
+    )
+    Path("legs.xml").write_text(inner)
+    Path("leg.xml").write_text(outer)
+    assert export("mjcf", "leg.toml", *WITH, *INTO, "--out", "new.xml")[0] == 0
+    assert (Path("legs.xml").read_text(), Path("leg.xml").read_text()) == (inner, outer)
+    assert '<include file="legs_new.xml"/>' in Path("new.xml").read_text()
+    assert mujoco.MjModel.from_xml_path("new.xml").dof_armature == pytest.approx(leg.TRUE["armature"])
 
 
 def test_a_verdict_that_no_attribute_holds_is_refused(export: Export) -> None:

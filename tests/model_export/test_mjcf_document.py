@@ -75,7 +75,7 @@ def test_urdf_has_the_mass_matrix_and_the_weight(build: Builder, tmp_path: Path)
     model = pinocchio.buildModelFromUrdf(str(tmp_path / "robot.urdf"))
     numbers, q = read_robot_numbers(arm, name_joints(arm)), np.array([0.4, -0.2])
     place = np.array([np.cos(q[0]), np.sin(q[0]), q[1]])  # as Pinocchio has a joint that turns without end
-    model.gravity.linear = np.array([*numbers.gravity, 0.0])
+    model.gravity.linear = np.array(numbers.gravity)
     data = model.createData()
     mass = np.triu(pinocchio.crba(model, data, place)) + np.triu(pinocchio.crba(model, data, place), 1).T
     mass += np.diag([joint.armature for joint in numbers.joints])

@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from mutants import fate, kinds, mutant
 
 from gen.robot.description import Robot
 from gen.robot.load_robot import from_table
@@ -161,6 +162,7 @@ def chain(many: int) -> str:
     return f"<mujoco><worldbody>{''.join(link(f'b{k}') for k in range(many))}{'</body>' * many}</worldbody></mujoco>"
 
 
+TIE = '<joint name="c" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
 BAD: dict[str, tuple[str, str, str]] = {
     "no file": ("", "missing.urdf", "missing.urdf: "),
     "no XML": ("not xml", "a.xml", "found text that is no XML"),
@@ -182,15 +184,81 @@ BAD: dict[str, tuple[str, str, str]] = {
     "massless": (urdf(mass="0", ixx="0"), "a.urdf", "link one behind joint a: found no mass, possible is above 0"),
     "axis of length 0": (chain(1).replace("<joint ", '<joint axis="0 0 0" '), "a.xml", "MuJoCo refuses it"),
     "quaternion 0": (chain(1).replace('name="b0"', 'name="b0" quat="0 0 0 0"'), "a.xml", "MuJoCo "),
-    "NaN": (chain(1).replace('mass="1.0"', 'mass="nan"'), "a.xml", "a.xml"),
+    "NaN": (chain(1).replace('mass="1.0"', 'mass="nan"'), "a.xml", "<inertial>: found NaN in mass, possible are"),
     "duplicate joints": (chain(2).replace("j_b1", "j_b0"), "a.xml", "MuJoCo"),
-    "cyclic": (
-        urdf(more='<joint name="c" type="fixed"><parent link="two"/><child link="one"/></joint>'),
+    "two parents": (urdf(more=TIE.format("two", "one")), "a.urdf", "<joint> 'c': 'one' is another joint's child, too;"),
+    "cyclic": (urdf(more=TIE.format("two", "root")), "a.urdf", "every link is another one's child, possible is a tree"),
+    "cyclic beside": (
+        urdf(
+            more='<link name="x"/><link name="y"/>' + TIE.format("x", "y") + TIE.format("y", "x").replace('"c"', '"d"')
+        ),
         "a.urdf",
-        "MuJoCo cannot read it",
+        "hangs on itself, possible is a tree; cut the loop",
+    ),
+    "two roots": (urdf(more='<link name="lonely"/>'), "a.urdf", "found the roots lonely, root, possible is one; join"),
+    "duplicate links": (urdf(more='<link name="one"/>'), "a.urdf", "found 2 <link> with the name 'one'; give each its"),
+    "joints of one name": (urdf().replace('name="b"', 'name="a"'), "a.urdf", "found 2 <joint> with the name 'a'"),
+    "no such child": (
+        urdf().replace('child link="one"', 'child link="no"'),
+        "a.urdf",
+        "found the child 'no', possible",
+    ),
+    "NaN in a frame": (urdf().replace('xyz="0.3 0 0"', 'xyz="0 nan 0"'), "a.urdf", "<origin>: found NaN in xyz"),
+    "NaN of an axis": (chain(1).replace("<joint ", '<joint axis="0 0 -NaN" '), "a.xml", "'j_b0': found NaN in axis"),
+    "NaN of gravity": (
+        chain(1).replace("<world", '<option gravity="nan 0 0"/><world'),
+        "a.xml",
+        "found NaN in gravity",
+    ),
+    "infinite inertia": (
+        chain(1).replace("1 1 1", "inf inf inf"),
+        "a.xml",
+        "body b0: found NaN, infinity or a number beyond 1e+12",
+    ),
+    "infinite reference": (chain(1).replace("<joint ", '<joint ref="inf" '), "a.xml", "in <option> or ref"),
+    "negative mass": (
+        chain(1).replace('mass="1.0"', 'mass="-1"'),
+        "a.xml",
+        "body b0: found the mass -1 kg, possible are",
+    ),
+    "negative mass of a link": (urdf(mass="-1"), "a.urdf", "<link> 'one': found the mass -1 kg"),
+    "negative damping": (urdf().replace("0.5", "-0.5"), "a.urdf", "<joint> 'a': found the damping -0.5, possible are"),
+    "negative armature": (chain(1).replace("<joint ", '<joint armature="-3" '), "a.xml", "j_b0: found the armature -3"),
+    "negative effort": (urdf().replace("20", "-20"), "a.urdf", "<joint> 'a': found the effort -20, possible are"),
+    "range upside down": (urdf().replace('lower="-1"', 'lower="5"'), "a.urdf", "'a': found the range 5 to 1, possible"),
+    "millimetres": (
+        chain(2).replace('name="b1"', 'name="b1" pos="0 0 333"'),
+        "a.xml",
+        "the distance 333 m, possible are",
+    ),
+    "far too heavy": (
+        chain(1).replace('mass="1.0"', 'mass="1e300"'),
+        "a.xml",
+        "body b0: found NaN, infinity or a number beyond",
+    ),
+    "too heavy": (chain(1).replace('mass="1.0"', 'mass="1e6"'), "a.xml", "the mass 1e+06 kg, possible are 10000 kg"),
+    "no mass between": (
+        chain(3).replace('mass="1.0"', 'mass="0"', 1),
+        "a.xml",
+        "link b0 behind joint j_b0: found no mass",
+    ),
+    "copies": (
+        chain(1).replace("<body", '<replicate count="100000000"><geom/></replicate><body'),
+        "a.xml",
+        "1e+08 copies",
+    ),
+    "copies of copies": (
+        chain(1).replace("<body", '<replicate count="200"><replicate count="300"><geom/></replicate></replicate><body'),
+        "a.xml",
+        "found elements that make 60000 copies, possible are 10000; leave them out",
+    ),
+    "copies of a file": (
+        chain(1).replace("<body", '<replicate count="2"><include file="b.xml"/></replicate><body'),
+        "a.xml",
+        "found elements that make inf copies",
     ),
     "ball": (chain(1).replace("<joint ", '<joint type="ball" '), "a.xml", "is ball, possible are revolute and prism"),
-    "floating": (urdf(kind="floating"), "a.urdf", "MuJoCo refuses it (free joint"),
+    "floating": (urdf(kind="floating"), "a.urdf", "<joint> 'a': found the type floating, possible is one below"),
     "two tips": (
         f"<mujoco><worldbody>{link('l')}</body>{link('r')}</body></worldbody></mujoco>",
         "a.xml",
@@ -227,6 +295,28 @@ def test_what_is_wrong_is_one_sentence(what: str, tmp_path: Path) -> None:
         import_model(str(path))
     sentence = str(refused.value)
     assert words in sentence and "\n" not in sentence and sentence.isprintable() and len(sentence) < 700, sentence
+
+
+def test_damaged_models_are_read_or_refused_in_sentences(tmp_path: Path) -> None:
+    made = [kind for kind in kinds(tmp_path) if kind.name.startswith("model.")]
+    for kind in made:
+        for seed in kind.seeds.values():
+            assert fate(kind, seed, tmp_path) == "read"
+        for number in range(150):
+            assert fate(kind, mutant(kind, number), tmp_path) in ("read", "refused"), (kind.name, number)
+
+
+def test_another_encoding_is_refused(tmp_path: Path) -> None:
+    """In which a document type would not be found."""
+    path = tmp_path / "a.xml"
+    path.write_bytes(('<!DOCTYPE a [<!ENTITY b "c">]>' + chain(1)).encode("utf-16"))
+    with pytest.raises(ModelError, match="found text that is not in UTF-8; save it in UTF-8"):
+        import_model(str(path))
+
+
+def test_a_quaternion_is_made_a_unit_one(tmp_path: Path) -> None:
+    made = import_model(write(tmp_path, chain(2).replace('name="b1"', 'name="b1" quat="2 0 0 2"')))
+    assert tomllib.loads(made.text)["joint"][1]["rotation"] == pytest.approx([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
 
 
 @pytest.mark.parametrize(

@@ -114,6 +114,9 @@ def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
     assert str(caught.value).count("\n") == 2
 
 
+FAR_WALL = "\n[[wall]]\nnormal = [0.0, 1.0]\noffset = 10.0\n"
+
+
 @pytest.mark.parametrize(
     "text, words",
     [
@@ -132,13 +135,14 @@ def test_what_does_not_fit_the_arm_is_refused_before_the_build_and_by_a_built_co
     tmp_path: Path, text: str, words: str
 ) -> None:
     path = tmp_path / "controller.toml"
-    path.write_text(text)
+    path.write_text(text + FAR_WALL * (2 - text.count("[[wall]]")))  # as many as the controller that is built
     c = read_configuration(path)
     with pytest.raises(PlantError, match=words) as caught:
         load("paper", out=tmp_path / "builds", mpc=c)
     assert str(caught.value).count("\n") == 0 or "joint 2" in str(caught.value)
     assert not (tmp_path / "builds").exists()
-    arm, whole = built(walls=len(c.walls))
+    arm, whole = built()
+    assert whole.structure == c.structure
     with pytest.raises(PlantError, match=words):
         MPC(arm, whole).configure_with(c)
 

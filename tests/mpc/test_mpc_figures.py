@@ -29,7 +29,7 @@ def test_growth_is_the_exponent() -> None:
 
 
 def test_a_chain_of_three_is_a_robot_with_the_controller_in_it(tmp_path: Path) -> None:
-    arm, c = built(space="joint")
+    arm, c = built(nodes=7, space="joint", walls=0)
     c = c.with_changes(tuple(replace(w, offset=10.0) for w in WALLS))
     path = tmp_path / "robot.toml"
     path.write_text(format_chain_robot(arm.robot, 3))

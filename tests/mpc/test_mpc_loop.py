@@ -245,8 +245,8 @@ def test_a_grid_that_widens_and_a_force_that_fades_follow_the_ideal_too() -> Non
     """Nodes of 4 to 40 ms, a period of 2 ms; and the goal over such a horizon is the admittance's exact motion under a
     force that fades as stated."""
     grid = (0.004,) * 5 + (0.01,) * 8 + (0.04,) * 4
-    arm, c = built(nodes=len(grid))
-    far = tuple(replace(w, offset=10.0) for w in WALLS)
+    arm, c = built(nodes=len(grid), walls=3)
+    far = tuple(replace(w, offset=10.0) for w in c.walls)
     values = {key: value for key, value in c.values.items() if key != "mpc.nodes"}
     c = Configuration(values, far).with_changes(mpc__grid=grid, mpc__period=2e-3, limits__tip_speed=1.0)
     controller = MPC(arm, c)

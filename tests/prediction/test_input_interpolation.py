@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from replayed import FLEXIBLE, simulated
+from replayed import FLEXIBLE, INPUT_EFFECTS, simulated
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
@@ -108,7 +108,7 @@ def test_a_command_that_is_logged_tells(build: Callable) -> None:
 
 
 def test_of_a_measured_input_no_effect_of_commands_is_asked(build: Callable) -> None:
-    arm = Arm(build(FLEXIBLE, "portable", ("command_delay", "current_loop_lag")).folder)
+    arm = Arm(build(FLEXIBLE, "portable", INPUT_EFFECTS).folder)
     log = simulated(arm)
     only = Log(log.time, {n: v for n, v in log.columns.items() if n != "motor_current_command_1"}, 2, "measured")
     seen = cut_windows(arm, LogPortion.all_rows(only), 0.05)

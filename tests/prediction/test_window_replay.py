@@ -11,7 +11,7 @@ from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, multiples, simulated, 
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
@@ -146,7 +146,7 @@ def test_effects_states_go_on_from_window_to_window(made: Callable) -> None:
 
 def test_an_effect_of_amplitude_0_changes_no_bit(made: Callable) -> None:
     log = simulated(plain := made(FLEXIBLE))
-    added = replay(made(FLEXIBLE, ("transmission_hysteresis",)), log)
+    added = replay(made(FLEXIBLE, MEMORY), log)
     for name, values in replay(plain, log).columns.items():
         assert added.columns[name].tobytes() == values.tobytes()
 

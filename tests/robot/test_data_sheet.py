@@ -5,17 +5,16 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import arms
 import pytest
 from replayed import diagnosis
+from uncompiled import load_uncompiled
 
 from gen.robot.description import Drive, RobotError
 from gen.robot.load_robot import from_table
 from hdagen.adoption.robot_update import adopt
-from hdagen.arm.compiled_arm import load
 
 SHEET = """K1 = 1.0e4
 K2 = 1.4e4
@@ -90,10 +89,8 @@ def test_a_data_sheet_is_whole_and_stands_alone(old: str, new: str, says: str | 
         assert says in refused(text)
 
 
-def test_a_corrected_gear_is_spelt_out_and_keeps_its_wave_generator(
-    build: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("HDAGEN_BUILD", str(build(arms.SMALL).folder.parent))
+@pytest.mark.usefixtures("uncompiled")
+def test_a_corrected_gear_is_spelt_out_and_keeps_its_wave_generator(tmp_path: Path) -> None:
     robot, stated, new = (tmp_path / name for name in ("robot.toml", "diagnosis.json", "new.toml"))
     robot.write_text(with_springs(SHEET.replace("starting_torque = 0.037\n", "")))
     stated.write_text(json.dumps(diagnosis(verdict=[], parameters={"coulomb_friction_1": 0.031})))
@@ -102,5 +99,5 @@ def test_a_corrected_gear_is_spelt_out_and_keeps_its_wave_generator(
     stated.write_text(json.dumps(diagnosis(verdict=[], parameters={"flexspline_stiffness_1": 1.0e4})))
     text = adopt(stated, robot, new, force=True).text
     assert "# began as K1 = 10000.0, K2 = 14000.0" in text and "\nK1" not in text
-    before, after = (load(path).parameters for path in (robot, new))
+    before, after = (load_uncompiled(path).parameters for path in (robot, new))
     assert {name for name in before if before[name] != after[name]} == {"flexspline_stiffness_1"}

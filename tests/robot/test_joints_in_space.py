@@ -105,8 +105,8 @@ WRONG: list[tuple[str, Any, str]] = [
     ("joint[2].type", "floating", '"revolute" or "prismatic"'),
     ("tip.rotation", [0.5, 0.0, 0.0, 0.0], "tip.rotation: found the length 0.5"),
     ("tip.pose", [0.5], "tip.pose: found an unknown key"),
-    ("effect", [{"name": "gravity_tilt", "joint": 0}], "found 0, the arm, which moves in space, possible for"),
-    ("effect", [{"name": "link_flexibility", "joint": 1}], "found 1, joint 1, which moves in space"),
+    ("effect", [{"name": "gravity_tilt", "joint": 0, "tilt_x": 0.1}], "effect[1].tilt_x: found an unknown key"),
+    ("effect", [{"name": "link_flexibility", "joint": 1, "link_share": 0.2}], "effect[1].link_share: found an unkn"),
 ]
 
 

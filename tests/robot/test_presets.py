@@ -22,9 +22,13 @@ DATA = Path(os.environ.get("HDAGEN_DATA", ROOT.parent / "shared" / "data"))
 DFKI = ("1.0", "1.1", "2.0", "3.0")
 
 
-def test_there_are_all_nine() -> None:
+IN_SPACE = ("kinova_gen3", "panda", "so101", "ur5e")
+
+
+def test_there_are_all_thirteen() -> None:
     paper = {"paper", "paper_table1", "paper_prototype", "paper_three_joints"}
-    assert set(find_presets()) == {*paper, "emps", *(f"dfki_{m.replace('.', '_')}" for m in DFKI)}
+    assert set(find_presets()) == {*paper, "emps", *(f"dfki_{m.replace('.', '_')}" for m in DFKI), *IN_SPACE}
+    assert {name for name in find_presets() if load(name).in_space} == set(IN_SPACE)
 
 
 @pytest.mark.parametrize("name", find_presets())

@@ -22,8 +22,9 @@ from hdagen.control.guard_limits import Guard, Safe
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference, circle
 from hdagen.log.measured_log import read
+from hdagen.simulation.ideal_admittance import simulate_ideal_admittance
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import Push, Simulation, run, simulate, simulate_ideal_admittance
+from hdagen.simulation.simulator import Push, Simulation, run, simulate
 
 ROOT = Path(__file__).resolve().parents[2]
 PATH = circle(0.05, (0.2, 0.0), 5.0, 1.5)
@@ -153,13 +154,13 @@ def test_a_robot_that_takes_torque_is_logged_as_torque(build: Callable[..., Comp
 
 def test_ideal_is_the_step_response(arm: Arm) -> None:
     controller = Controller(arm, "impedance_cartesian", Guard(Safe.ZERO))
-    moved = simulate_ideal_admittance(arm, controller, np.tile([10.0, 0.0], (3000, 1)), 1e-3)
+    moved = simulate_ideal_admittance(controller, np.tile([10.0, 0.0], (3000, 1)), 1e-3)
     M, B, K = (controller.gains[f"{what}_x"] for what in ("mass", "damping", "stiffness"))
     t, a, w = np.arange(3000) * 1e-3, B / (2 * M), np.sqrt(K / M - (B / (2 * M)) ** 2)
     closed = 10 / K * (1 - np.exp(-a * t) * (np.cos(w * t) + a / w * np.sin(w * t)))
     assert np.abs(moved[:, 0] - closed).max() < 1e-14 and not moved[:, 1].any()
     with pytest.raises(PlantError, match="position has no Cartesian mass"):
-        simulate_ideal_admittance(arm, Controller(arm, "position", Guard(Safe.ZERO)), moved, 1e-3)
+        simulate_ideal_admittance(Controller(arm, "position", Guard(Safe.ZERO)), moved, 1e-3)
 
 
 @pytest.mark.parametrize(

@@ -30,4 +30,5 @@ def arm(kinds: str, name: str = "test arm", rigid: str = "", step: float = 5e-4,
 
 
 SMALL = arm("R", rigid="r", drive="friction_smoothing = 1.0")
+MIXED = arm("RP", rigid="r")  # a rigid drive and one with springs, a turning joint and a sliding one
 CHAINS = {"R": arm("R"), "RR": arm("RR"), "RPR": arm("RPR", rigid="r"), "6R": arm("RRRRRR", rigid="fffrrr")}

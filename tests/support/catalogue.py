@@ -7,4 +7,4 @@ import json
 from gen.builder.effect_description import describe_catalogue
 from hdagen.arm.effect_catalogue import EffectCatalogue
 
-EFFECTS = EffectCatalogue(json.loads(json.dumps(describe_catalogue())))
+EFFECTS = EffectCatalogue(json.loads(json.dumps(describe_catalogue(in_space=False))))

@@ -55,16 +55,22 @@ def said(command: Sequence[str | Path]) -> str:
     return done.stdout
 
 
-def compiled(name: str, sources: Sequence[Path], include: Sequence[Path], out: Path) -> Path:
-    """A program of the sources, two compiled at a time; a warning in one that is not OSQP's is an error."""
-    command = [*compiler(name), *(f"-I{folder}" for folder in include)]
-    objects = [out.parent / f"{out.name}-{source.stem}.o" for source in sources]
+def compiled(name: str, harness: Path, sources: Sequence[Path], include: Sequence[Path], folder: Path) -> Path:
+    """A program of a harness and sources, two compiled at a time; a warning in one that is not OSQP's is an error.
+
+    Objects of the sources stay in ``folder`` for another harness; the names of those of one build differ.
+    """
+    command, label = [*compiler(name), *(f"-I{one}" for one in include)], name.replace(" ", "-")
+    out = folder / f"{label}-{harness.stem}"
+    objects = [folder / f"{label}-{source.stem}.o" for source in (harness, *sources)]
 
     def make(source: Path, made: Path) -> None:
+        if made.exists():
+            return
         strict = ("-std=c99", "-ffp-contract=off") if source.name.startswith("hda_osqp_") else STRICT
         said([*command, *strict, "-fno-builtin-malloc", "-c", source, "-o", made])
 
     with ThreadPoolExecutor(2) as pool:
-        list(pool.map(make, sources, objects))
+        list(pool.map(make, (harness, *sources), objects))
     said([*command, *objects, "-lm", "-o", out])
     return out

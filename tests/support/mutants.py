@@ -41,12 +41,14 @@ from hdagen.diagnosis.decision import calibration
 from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page, machine_task
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import read, write
+from hdagen.model_import.model_file import ModelError
+from hdagen.model_import.robot_writing import import_model
 from hdagen.mpc.configuration import read_configuration
 from hdagen.prediction.closed_loop_replay import read_controller
 
 SLOWEST = 20.0  # s
 MOST_MEMORY = 2 << 30  # bytes
-REFUSALS = (LogError, PlantError, RobotError, calibration.CalibrationError)
+REFUSALS = (LogError, PlantError, RobotError, ModelError, calibration.CalibrationError)
 BATCH = 500  # mutants of one process of a campaign
 
 
@@ -195,6 +197,17 @@ def mats(folder: Path) -> dict[str, bytes]:
     return {name: (folder / f"{name}.mat").read_bytes() for name in ways}
 
 
+MJCF = """<mujoco model="two"><compiler angle="radian"/><default><joint damping="0.1"/></default><worldbody>
+<body name="a" pos="0 0 0.3"><joint name="j" axis="0 1 0" range="-1 1" armature="0.1"/>
+<inertial pos="0 0.1 0" mass="2" fullinertia="0.03 0.02 0.03 0.001 0 0.002"/>
+<body name="b" quat="1 1 0 0"><joint name="k" type="slide"/><geom size="0.1" mass="1"/><site name="t"/></body></body>
+</worldbody><actuator><motor joint="j" gear="3" ctrlrange="-1 1"/></actuator></mujoco>"""
+URDF = """<robot name="two"><link name="r"/><joint name="j" type="revolute"><parent link="r"/><child link="a"/>
+<origin xyz="0 0 0.3" rpy="0.1 0 1.5708"/><axis xyz="0 0 1"/><limit effort="20" velocity="3" lower="-1" upper="1"/>
+<dynamics damping="0.5" friction="0.2"/></joint><link name="a"><inertial><origin xyz="0.1 0 0" rpy="0.3 0 0"/>
+<mass value="1"/><inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+
+
 def kinds(folder: Path) -> tuple[Kind, ...]:
     """Every kind, its undamaged files made; ``folder`` keeps what they refer to."""
     write(motion(), folder / "log.csv")
@@ -227,6 +240,8 @@ def kinds(folder: Path) -> tuple[Kind, ...]:
         Kind("fleet.toml", {"fleet": FLEET.encode()}, lambda path: fleet_file.read_fleet(beside(path, folder)), 8),
         Kind("controller.toml", {"controller": CONTROLLER.encode()}, read_controller, 8),
         Kind("mpc.toml", {"predictive": PREDICTIVE.encode()}, read_configuration, 8),
+        Kind("model.xml", {"mjcf": MJCF.encode()}, lambda path: import_model(str(path)), 0),
+        Kind("model.urdf", {"urdf": URDF.encode()}, lambda path: import_model(str(path)), 0),
         Kind("diagnosis.json", {"diagnosis": json.dumps(DIAGNOSIS).encode()}, verdict.read_verdict, 10),
         Kind("task.json", {"task": task}, kept, 6),
         Kind("calibration.json", {"frozen": calibration.CALIBRATION_FILE.read_bytes()}, calibration.read, 2),

@@ -20,7 +20,17 @@ joint_encoder_resolution = {JOINT}
 current_noise = {NOISE}"""
 FLEXIBLE = arms.arm("RR", drive=f"torque_constant = 0.05\nmax_current = 10.0\n{SENSORS}")
 RIGID = arms.arm("RP", rigid="rr", drive=f"friction_smoothing = 1.0\n{SENSORS}")
+LIMITS = """torque_constant = 0.05
+max_current = 10.0
+[joint.limits]
+position = [-1.5, 1.5]
+speed = 2.0
+torque = 60.0
+motor_torque_rate = 50.0
+"""
+ONE = arms.arm("R", name="one joint", drive=LIMITS + SENSORS)
 MEMORY = ("presliding_friction", "transmission_hysteresis")
+INPUT_EFFECTS = ("command_delay", "current_saturation", "voltage_sag", "current_loop_lag")
 HYSTERESIS = {"hysteresis_torque_1": 2.0, "hysteresis_angle_1": 2e-4}
 MEASURED = ("motor_position", "joint_position", "motor_velocity", "joint_velocity", "motor_current", "motor_torque")
 

@@ -50,3 +50,40 @@ def chain(kinds: str, seed: int, aligned: bool = False, springs: Mapping[str, fl
         lines += ["coulomb_friction = 0.0"]
     place = [float(x) for x in rng.uniform(-0.2, 0.2, 3)]
     return "\n".join([*lines, "", "[tip]", f"origin = {place}", f"rotation = {random_unit(rng, 4)}"]) + "\n"
+
+
+FOUR_JOINTS_FRICTION = 0.3  # N m or N
+
+
+def four_joint_arm() -> str:
+    """An arm of four joints, the second one sliding, with dry friction and limits: fewer than a pose has numbers."""
+    limits = "\n[joint.limits]\nposition = [-1.5, 1.5]\nspeed = 3.0\ntorque = 80.0\nmotor_torque_rate = 8000.0\n"
+    return chain("RPRR", 11).replace("coulomb_friction = 0.0", f"coulomb_friction = {FOUR_JOINTS_FRICTION}{limits}")
+
+
+SEVEN_AXES = (  # origin and rotation in the frame before; mass; length of a rod along the next origin
+    ((0.0, 0.0, 0.3), (1.0, 0.0, 0.0, 0.0), 3.0),
+    ((0.0, 0.0, 0.0), (HALF, -HALF, 0.0, 0.0), 3.0),
+    ((0.0, -0.35, 0.0), (HALF, HALF, 0.0, 0.0), 2.5),
+    ((0.06, 0.0, 0.0), (HALF, HALF, 0.0, 0.0), 2.5),
+    ((-0.06, 0.35, 0.0), (HALF, -HALF, 0.0, 0.0), 2.0),
+    ((0.0, 0.0, 0.0), (HALF, HALF, 0.0, 0.0), 1.5),
+    ((0.08, 0.0, 0.0), (HALF, HALF, 0.0, 0.0), 0.6),
+)
+SEVEN_POSTURE = (0.3, 0.5, -0.2, -1.6, 0.3, 1.9, 0.4)  # rad, bent and far from all limits
+
+
+def seven_joint_arm() -> str:
+    """An arm of seven turning joints with dry friction, of the size and the reach of common ones, under gravity."""
+    lines = ['name = "seven joints"', "gravity = [0.0, 0.0, -9.81]"]
+    for number, (origin, rotation, mass) in enumerate(SEVEN_AXES, 1):
+        size = mass * 0.15**2
+        lines += ["", "[[joint]]", f'name = "axis_{number}"', 'type = "revolute"']
+        lines += [f"origin = {list(origin)}", f"rotation = {list(rotation)}", "axis = [0.0, 0.0, 1.0]"]
+        lines += [f"mass = {mass}", "center_of_mass = [0.01, -0.02, 0.05]"]
+        lines += [f"inertia = [{size}, {0.9 * size}, {0.5 * size}, 0.0, 0.0, 0.0]", "[joint.drive]", "ratio = 1.0"]
+        lines += ["rigid = true", f"motor_inertia = {0.3 if number < 5 else 0.1}"]
+        lines += [f"viscous_friction = {2.0 if number < 5 else 0.5}"]
+        lines += [f"coulomb_friction = {1.5 if number < 5 else 0.4}", "[joint.limits]", "position = [-2.8, 2.8]"]
+        lines += ["speed = 2.5", "torque = 120.0", "motor_torque_rate = 20000.0"]
+    return "\n".join([*lines, "", "[tip]", "origin = [0.0, 0.0, 0.15]"]) + "\n"

@@ -98,7 +98,10 @@ def drive_short_run(folder: TaskFolder, parameters: Parameters) -> dict[str, Any
     from hdagen.mpc.benchmark import law_comparison
     from hdagen.mpc.benchmark.random_run_tasks import drive_run_task
 
-    with patch.object(law_comparison, "circle", lambda *given: circle(*given[:3], 0.6, *given[4:])):
+    def shorten(radius: float, center: tuple[float, float], turn: float, _: float, period: float) -> Any:
+        return circle(radius, center, turn, 0.6, period)
+
+    with patch.object(law_comparison, "circle", shorten):
         return drive_run_task(folder, parameters)
 
 

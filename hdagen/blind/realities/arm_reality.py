@@ -12,35 +12,22 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from hdagen.blind.realities.arm_motion import Motion
+from hdagen.blind.realities.arm_world import LARGEST_COMMAND, ArmWorld, tilt_gravity
 from hdagen.blind.realities.drivetrain import Drivetrain
+from hdagen.blind.realities.two_joint_motion import Motion
 
 PERIOD = 1e-3  # s, of the controller and the log
 STEPS_PER_SAMPLE = 40  # a period
 ARM_STEP = PERIOD / STEPS_PER_SAMPLE
-LARGEST_COMMAND = 12.0  # A, largest command of the controller
 POSITION_LOOP_BANDWIDTH = 55.0  # rad/s, of the position loop
 _HARDEST_IMPEDANCE = 0.9999  # MuJoCo's hardest impedance: dry friction creeps by a millionth of the speed it stops
 _WALL_IMPEDANCE = 0.02  # of a wall: near 1 MuJoCo's contact has many times the arm's inertia
 _BALL_RADIUS = 0.01  # m, of the ball that meets a wall
-
-
-@dataclass(frozen=True)
-class ArmWorld:
-    """The contents of a reality, SI. ``joints``: base parameters of each joint, the keys of robot.toml's tables in one;
-    ``effects[j]``: parameters by effect of joint j (from 0); ``arm``: effects of the whole arm; ``gravity`` in the
-    plane."""
-
-    joints: Sequence[Mapping[str, float]]
-    effects: Sequence[Mapping[str, Mapping[str, float]]]
-    arm: Mapping[str, Mapping[str, float]]
-    gravity: tuple[float, float]
 
 
 def simulate_world(
@@ -59,26 +46,6 @@ def simulate_world(
 
     """
     return _ArmSimulation(world, nominal, motion, noise).simulate_log()
-
-
-def tilt_gravity(world: ArmWorld) -> tuple[float, float]:
-    """Compute gravity in the plane of a base that is not level.
-
-    Args:
-        world: the true arm; its effect "gravity_tilt" tilts the base.
-
-    Returns:
-        Gravity along x and y, m/s².
-
-    """
-    x, y = world.gravity
-    if "gravity_tilt" not in world.arm:
-        return x, y
-    p = world.arm["gravity_tilt"]
-    sine, cosine = math.sin(p["angle"]), math.cos(p["angle"])
-    if math.hypot(x, y) > 1.0:  # an arm that stands turns in its plane
-        return cosine * x - sine * y, sine * x + cosine * y
-    return x + 9.81 * sine * math.cos(p["direction"]), y + 9.81 * sine * math.sin(p["direction"])
 
 
 def _build_model(world: ArmWorld) -> Any:

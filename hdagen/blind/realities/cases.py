@@ -1,11 +1,12 @@
-"""The cases of a seed: each kind belongs to a family of arms or of joints. Drawing them simulates nothing."""
+"""The cases of a seed, of each family and kind. Drawing them simulates nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from hdagen.blind.realities import rigid_joints, two_joint_arms
+from hdagen.blind.realities import joint_arms, model_arms, rigid_joints, two_joint_arms
+from hdagen.blind.realities.population import FRICTION_KIND, JOINT, MODEL, Population
 
 
 class Robot(Protocol):
@@ -27,7 +28,7 @@ class Case(Protocol):
 
     @property
     def kind(self) -> str:
-        """One of `hdagen.blind.KINDS`."""
+        """A kind of `hdagen.blind.realities.population`."""
 
     @property
     def robot(self) -> Robot:
@@ -40,18 +41,22 @@ class Case(Protocol):
         """A diagnosis.json that states the truth; None where no diagnosis.json can."""
 
 
-def draw_cases(seed: str, kind: str, count: int) -> tuple[Case, ...]:
-    """Draw the first cases of a kind.
+def draw_cases(seed: str, population: Population, count: int) -> tuple[Case, ...]:
+    """Draw the first cases of a population.
 
     Args:
         seed: the seed of the check.
-        kind: one of `hdagen.blind.KINDS`.
+        population: family, kind, background and model.
         count: how many cases.
 
     Returns:
         The cases, in an order that the seed decides; a larger ``count`` appends to them.
 
     """
-    if kind == rigid_joints.KIND:
+    if population.kind == FRICTION_KIND:
         return rigid_joints.draw_joint_cases(seed, count)
-    return two_joint_arms.draw_arm_cases(seed, kind, count)
+    if population.family == MODEL:
+        return model_arms.draw_model_cases(seed, population, count)
+    if population.family == JOINT:
+        return joint_arms.draw_joint_arm_cases(seed, population, count)
+    return two_joint_arms.draw_arm_cases(seed, population, count)

@@ -1,6 +1,6 @@
 """Motions of rigid joints made of sines, and the torques that move the links of a robot file along them.
 
-Legend: T instants, J joints, one or two.
+Legend: T instants, J joints.
 """
 
 from __future__ import annotations
@@ -65,10 +65,10 @@ def compute_link_torques(
     v: np.ndarray,
     a: np.ndarray,
 ) -> np.ndarray:
-    """Compute the torques that move links and rotors along a motion, without friction.
+    """Compute the torques that move links and rotors along a motion, without friction, from link to link.
 
     Args:
-        joints: base parameters of one or two joints, SI.
+        joints: base parameters of the joints of a chain in the plane, from its base, SI.
         gravity: gravity along x and y, m/s².
         q: joint angles (T, J), rad.
         v: joint speeds (T, J), rad/s.
@@ -77,25 +77,25 @@ def compute_link_torques(
     Returns:
         Torques at the joints (T, J), N m.
 
+    Source: Luh, Walker, Paul, J. Dyn. Sys. Meas. Control 102 (1980) 69 (Newton and Euler's equations, recursively).
+
     """
-    gx, gy = gravity
-    outer = joints[-1]
-    own = outer["mass"] * outer["center_of_mass"]
-    inertia = outer["inertia"] + own * outer["center_of_mass"]
-    angle = q.sum(axis=1)
-    hold = -own * (gy * np.cos(angle) - gx * np.sin(angle))
-    rotors = np.array([joint["motor_inertia"] * joint["ratio"] ** 2 for joint in joints])
-    if len(joints) == 1:
-        return np.asarray((inertia + rotors) * a + hold[:, None])
-    inner = joints[0]
-    length = inner["length"]
-    across, turning = own * length * np.cos(q[:, 1]), own * length * np.sin(q[:, 1])
-    carried = inner["mass"] * inner["center_of_mass"] + outer["mass"] * length
-    first = inner["inertia"] + inner["mass"] * inner["center_of_mass"] ** 2 + outer["mass"] * length**2
-    coupled = inertia + across
-    torques = rotors * a
-    torques[:, 0] += (first + inertia + 2.0 * across) * a[:, 0] + coupled * a[:, 1] + hold
-    torques[:, 0] -= turning * (2.0 * v[:, 0] + v[:, 1]) * v[:, 1]
-    torques[:, 0] -= carried * (gy * np.cos(q[:, 0]) - gx * np.sin(q[:, 0]))
-    torques[:, 1] += coupled * a[:, 0] + inertia * a[:, 1] + turning * v[:, 0] ** 2 + hold
-    return np.asarray(torques)
+    angle, turning, growing = (np.cumsum(x, axis=1) for x in (q, v, a))
+    cosine, sine = np.cos(angle), np.sin(angle)
+    # acceleration along x and y of a point at unit distance on each link, seen from the link's own joint
+    away = np.stack([-(turning**2) * cosine - growing * sine, -(turning**2) * sine + growing * cosine])
+    at = np.zeros((2, len(q)))  # acceleration of the link's joint, m/s², with gravity taken off
+    at[0], at[1] = -gravity[0], -gravity[1]
+    forces = []
+    for j, joint in enumerate(joints):
+        forces.append(joint["mass"] * (at + joint["center_of_mass"] * away[:, :, j]))
+        at = at + joint["length"] * away[:, :, j]
+    torques = np.empty(q.shape)
+    carried, moment = np.zeros((2, len(q))), np.zeros(len(q))  # of all links further out, at the end of this one
+    for j in reversed(range(len(joints))):
+        joint = joints[j]
+        arm = joint["center_of_mass"] * forces[j] + joint["length"] * carried
+        moment = moment + joint["inertia"] * growing[:, j] + cosine[:, j] * arm[1] - sine[:, j] * arm[0]
+        carried = carried + forces[j]
+        torques[:, j] = moment + joint["motor_inertia"] * joint["ratio"] ** 2 * a[:, j]
+    return torques

@@ -2,27 +2,31 @@
 
     python -m hdagen.blind.realities.log_maker < request.json
 
-The truth is never written to a file. The request: ``seed``, ``kind``, ``index`` of the case, ``motion`` "log" or
-"hold_out", its length ``seconds``, ``out`` the path of the log, and ``truth``, the parameters of an earlier answer
-(then they are not drawn again). The answer: ``snr``, the ratio of the true effects to the noise on the channel that
-shows them best, and ``parameters``.
+The truth is never written to a file. The request: ``seed``, ``kind``, ``family`` and ``background`` of the
+population, ``index`` of the case, ``motion`` "log" or "hold_out", its length ``seconds``, ``out`` the path of the
+log, and ``truth``, the parameters of an earlier answer (then they are not drawn again). The answer: ``snr``, the
+ratio of the true effects to the noise on the channel that shows them best, and ``parameters``.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from hdagen.blind.realities import joint_reality
-from hdagen.blind.realities.arm_motion import Motion, draw_circle_motion, draw_rich_motion
-from hdagen.blind.realities.arm_reality import LARGEST_COMMAND, ArmWorld, simulate_world
+from hdagen.blind.realities.arm_world import LARGEST_COMMAND, ArmWorld
 from hdagen.blind.realities.cases import draw_cases
+from hdagen.blind.realities.joint_arms import JointArmCase
+from hdagen.blind.realities.maxwell_motion import draw_point_moves
+from hdagen.blind.realities.maxwell_reality import simulate_arm
+from hdagen.blind.realities.model_arms import ModelCase
+from hdagen.blind.realities.population import MAXWELL, read_population
 from hdagen.blind.realities.rigid_joints import JointCase
 from hdagen.blind.realities.two_joint_arms import ArmCase, TwoJointArm, draw_effect_parameters, draw_true_parameters
+from hdagen.blind.realities.two_joint_motion import Motion, draw_circle_motion, draw_rich_motion
 from hdagen.log.measured_log import write
 
 JointEffects = dict[str, dict[str, float]]  # parameters by effect
@@ -50,22 +54,67 @@ def make_arm_log(
         effects (0 where the parameters were given).
 
     """
-    robot, path = case.robot, _draw_motion(case, motion, seconds)
-    seed = case.seed ^ (motion == "hold_out")
+    robot, path = case.machine, _draw_motion(case, motion, seconds)
+    seed, simulate = case.seed ^ (motion == "hold_out"), _choose_simulator(case)
     if found is not None:
-        return simulate_world(_make_world(case, found), robot.joints, path, seed), found, 0.0
+        return simulate(_make_world(case, found), robot.joints, path, seed), found, 0.0
     ends = _motion_limits(path)
     without = None
     if case.truth:
         named = {(one.effect, one.joint) for one in case.truth}
         quiet = {key: value for key, value in draw_effect_parameters(case, ends).items() if key not in named}
-        without = simulate_world(_make_world(case, quiet), robot.joints, path, seed)
+        without = simulate(_make_world(case, quiet), robot.joints, path, seed)
         ends = {j: {**ends[j], "peak": float(np.abs(without[f"motor_current_command_{j}"]).max())} for j in ends}
     found = draw_effect_parameters(case, ends)
-    log, snr = simulate_world(_make_world(case, found), robot.joints, path, seed), 0.0
+    log, snr = simulate(_make_world(case, found), robot.joints, path, seed), 0.0
     if without:
         snr = _signal_to_noise(log, without, robot)
     return log, found, snr
+
+
+def make_chain_log(
+    case: JointArmCase, motion: str, seconds: float, found: EffectParameters | None
+) -> tuple[dict[str, np.ndarray], EffectParameters, float]:
+    """Make a log of a case of joints, as `make_arm_log` does of an arm.
+
+    Args:
+        case: the drawn case.
+        motion: "log" or "hold_out".
+        seconds: length of the motion, s.
+        found: parameters of every effect from an earlier log of the case; None to draw them.
+
+    Returns:
+        The log's columns by name, the parameters of every effect in it, and the signal-to-noise ratio of the true
+        effects (0 where the parameters were given).
+
+    """
+    from hdagen.blind.realities.joint_arm_reality import simulate_chain
+
+    if found is not None:
+        return simulate_chain(case, motion, seconds, found), found, 0.0
+    found, snr = case.effect_parameters(seconds), 0.0
+    log = simulate_chain(case, motion, seconds, found)
+    if case.truth:
+        named = {(one.effect, one.joint) for one in case.truth}
+        quiet = {key: p for key, p in found.items() if key not in named}
+        without, ratios = simulate_chain(case, motion, seconds, quiet), []
+        for j, joint in enumerate(case.machine.joints, 1):
+            noise = {
+                f"motor_torque_{j}": joint["input_noise"],
+                f"{case.robot.encoder}_position_{j}": case.robot.noise()[f"{case.robot.encoder}_position_{j}"],
+            }
+            ratios += [float(np.sqrt(np.mean((log[n] - without[n]) ** 2))) / sd for n, sd in noise.items()]
+        snr = max(ratios)
+    return log, found, snr
+
+
+def _choose_simulator(case: ArmCase) -> Callable[..., dict[str, np.ndarray]]:
+    """The simulator of the case's family; MuJoCo is loaded where it is needed."""
+    if case.family == MAXWELL:
+        return simulate_arm
+    from hdagen.blind.realities.arm_reality import simulate_world
+
+    return simulate_world
 
 
 def _draw_motion(case: ArmCase, motion: str, seconds: float) -> Motion:
@@ -73,6 +122,8 @@ def _draw_motion(case: ArmCase, motion: str, seconds: float) -> Motion:
     if case.kind == "task":
         first, second = case.robot.joints
         return draw_circle_motion(seed, (first["length"], second["length"]), seconds)
+    if case.family == MAXWELL:
+        return draw_point_moves(seed, seconds)
     return draw_rich_motion(seed, seconds)
 
 
@@ -80,7 +131,7 @@ def _make_world(case: ArmCase, found: EffectParameters) -> ArmWorld:
     arm, first, second = JointEffects(), JointEffects(), JointEffects()
     for (effect, joint), p in found.items():
         (arm, first, second)[joint][effect] = p
-    return ArmWorld(draw_true_parameters(case.robot, case.seed), [first, second], arm, case.robot.gravity)
+    return ArmWorld(draw_true_parameters(case.machine, case.seed), [first, second], arm, case.machine.gravity)
 
 
 def _motion_limits(path: Motion) -> dict[int, dict[str, float]]:
@@ -134,17 +185,29 @@ def unpack_parameters(found: Mapping[str, Mapping[str, float]]) -> EffectParamet
 def main() -> None:
     """Answer one request."""
     request: dict[str, Any] = json.load(sys.stdin)
-    case = draw_cases(request["seed"], request["kind"], request["index"] + 1)[-1]
+    case = draw_cases(request["seed"], read_population(request), request["index"] + 1)[-1]
     if isinstance(case, JointCase):
+        from hdagen.blind.realities import joint_reality
+
         log = joint_reality.make_joint_log(case, request["motion"], request["seconds"])
         told = {"snr": case.snr(), "parameters": case.friction_parameters()}
+    elif isinstance(case, ModelCase):
+        from hdagen.blind.realities import model_reality
+
+        key = f"{case.effect}@{case.joint}"
+        stated = (request.get("truth") or {}).get(key)
+        log, drawn, snr = model_reality.make_model_log(case, request["motion"], request["seconds"], stated)
+        told = {"snr": snr, "parameters": {key: drawn} if case.effect else {}}
     else:
-        assert isinstance(case, ArmCase)
+        assert isinstance(case, ArmCase | JointArmCase)
         known = None
         if request.get("truth") is not None:
-            known = unpack_parameters(request["truth"])
-        log, found, snr = make_arm_log(case, request["motion"], request["seconds"], known)
-        told = {"snr": snr, "parameters": pack_parameters(found)}
+            wrong = {str(one) for one in case.numbers}
+            known = unpack_parameters({name: p for name, p in request["truth"].items() if name not in wrong})
+        how = request["motion"], request["seconds"], known
+        log, found, snr = make_arm_log(case, *how) if isinstance(case, ArmCase) else make_chain_log(case, *how)
+        numbers = {str(one): {"factor": one.factor} for one in case.numbers}
+        told = {"snr": snr, "parameters": pack_parameters(found) | numbers}
     write(log, request["out"])
     json.dump(told, sys.stdout)
 

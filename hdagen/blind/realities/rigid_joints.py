@@ -15,9 +15,9 @@ import numpy as np
 import tomlkit
 
 from hdagen.blind.realities.joint_motion import JointMotion, compute_link_torques, draw_joint_motion
+from hdagen.blind.realities.population import FRICTION_KIND
 from hdagen.blind.realities.random_streams import draw_log_uniform, purpose_digest, seeded_generator
 
-KIND = "joint"
 SIZING_SECONDS = 24.0  # s of the log's motion, over which friction is drawn and its best linear size is fitted
 LOG_RATES = (50, 100, 200, 500, 1000)  # Hz, of logs
 CONTROLLER_RATE = 1000  # Hz, of a controller whose commands are not logged
@@ -25,6 +25,13 @@ TOLERANCE = 0.05  # relative standard deviation that the robot file states
 MOST_DEVIATIONS = 2.5  # largest deviation of a true parameter, in standard deviations
 SCATTERED_JOINT_PARAMETERS = ("mass", "center_of_mass", "inertia", "motor_inertia", "torque_constant")
 FRICTION_EFFECTS = ("coulomb_friction", "viscous_friction")
+SERIES_SPRING_KEYS = (  # of a joint that is not rigid
+    "flexspline_stiffness",
+    "flexspline_stiffening",
+    "wave_generator_stiffness",
+    "wave_generator_stiffening",
+    "torsional_damping",
+)
 REQUIRED_SHARE = 0.25  # share of a joint's friction at its usual speed from which a term has to be named
 LARGEST_NAMELESS_SHARE = 0.1  # largest torque without a name, as a share of the friction, both rms
 _STANDSTILL_SPEED = 1e-3  # rad/s; a slower joint stands
@@ -83,8 +90,9 @@ class NamelessTorque:
 
 @dataclass(frozen=True)
 class JointRobot:
-    """A chain of rigid joints as its file states it. ``joints``: keys of the tables link, drive and sensor together,
-    SI; ``encoder``: "motor" or "joint", where the encoders sit; ``current``: currents drive it, not torques."""
+    """A chain of joints as its file states it; those without a ``flexspline_stiffness`` are rigid. ``joints``: keys of
+    the tables link, drive and sensor together, SI; ``encoder``: "motor" or "joint", where the encoders sit;
+    ``current``: currents drive it, not torques."""
 
     name: str
     gravity: tuple[float, float]
@@ -103,7 +111,9 @@ class JointRobot:
         for joint in self.joints:
             table = tomlkit.table()
             table.update({key: joint[key] for key in ("length", "mass", "center_of_mass", "inertia")})
-            table["drive"] = {"rigid": True, **{key: joint[key] for key in drive}}
+            table["drive"] = {key: joint[key] for key in (*drive, *SERIES_SPRING_KEYS) if key in joint}
+            if SERIES_SPRING_KEYS[0] not in joint:
+                table["drive"]["rigid"] = True
             table["sensor"] = {
                 f"{self.encoder}_encoder_resolution": joint["resolution"],
                 f"{self.encoder}_encoder_noise": joint["encoder_noise"],
@@ -137,7 +147,7 @@ class JointCase:
     scatter: float
     jitter: float
     seed: int
-    kind: str = KIND
+    kind: str = FRICTION_KIND
 
     def draw_motion(self, which: str, seconds: float) -> JointMotion:
         """Draw the motion of the log or of the hold-out.
@@ -261,7 +271,7 @@ def draw_joint_cases(seed: str, count: int) -> tuple[JointCase, ...]:
 
 
 def _draw_case(seed: str, index: int) -> JointCase:
-    rng = seeded_generator(seed, KIND, index)
+    rng = seeded_generator(seed, FRICTION_KIND, index)
     count = int(rng.integers(1, 3))
     gravity = (0.0, float(rng.choice([0.0, -9.81])))
     rate = int(rng.choice(LOG_RATES))
@@ -288,7 +298,7 @@ def _draw_case(seed: str, index: int) -> JointCase:
     robot = JointRobot(
         f"joint-{purpose_digest(seed, 'robot', index).hex()[:10]}", gravity, tuple(joints), encoder, current
     )
-    name = purpose_digest(seed, KIND, index, "name").hex()[:16]
+    name = purpose_digest(seed, FRICTION_KIND, index, "name").hex()[:16]
     return JointCase(name, robot, rate, commanded, friction, nameless, speeds, scatter, jitter, seed_of_case)
 
 

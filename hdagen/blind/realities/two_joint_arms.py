@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import tomlkit
 
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES, NEVER_IN_BACKGROUND, EffectSize, draw_unknown_torque
+from hdagen.blind.realities.misstated_numbers import (
+    EFFECT_SHARE,
+    WrongNumber,
+    draw_wrong_numbers,
+    label_numbers,
+    misstate_numbers,
+    restore_numbers,
+)
+from hdagen.blind.realities.population import DRIVETRAIN, Population
 from hdagen.blind.realities.random_streams import draw_log_uniform, purpose_digest, seeded_generator
 
-BACKGROUND_SIZE = 0.04  # of every typical size
 SMALLEST_SIZE, LARGEST_SIZE = 0.5, 1.5  # smallest and largest size of a true effect, in typical sizes
 SMALLEST_SIZE_OF_TWO = 0.7  # smallest size of a true effect beside an unknown one, in typical sizes
 TOLERANCE = 0.05  # relative standard deviation that the robot file states
@@ -103,8 +111,9 @@ class TrueEffect:
 
 @dataclass(frozen=True)
 class ArmCase:
-    """A case before it is simulated. ``name`` of its folder; ``truth``: the effects to find; ``background``: size of
-    every other effect; ``seed`` of everything else."""
+    """A case before it is simulated. ``name`` of its folder; ``robot`` as its file states it; ``truth``: the effects to
+    find; ``background``: size of every other effect; ``seed`` of everything else; ``numbers`` of the file that are
+    wrong; ``family`` of the reality."""
 
     name: str
     kind: str
@@ -112,13 +121,24 @@ class ArmCase:
     truth: tuple[TrueEffect, ...]
     background: float
     seed: int
+    numbers: tuple[WrongNumber, ...] = ()
+    family: str = DRIVETRAIN
+
+    @property
+    def machine(self) -> TwoJointArm:
+        """The robot as a right file would state it; true parameters scatter about it."""
+        if not self.numbers:
+            return self.robot
+        first, second = restore_numbers(self.robot.joints, self.numbers)
+        return replace(self.robot, joints=(first, second))
 
     def label(self) -> dict[str, Any]:
         """The truth that is sealed."""
         return {
             "kind": self.kind,
-            "verdict": [str(one) for one in self.truth],
-            "sizes": [one.size for one in self.truth],
+            "verdict": [str(one) for one in (*self.numbers, *self.truth)],
+            "sizes": [*(one.factor for one in self.numbers), *(one.size for one in self.truth)],
+            **label_numbers(self.numbers),
             "background": self.background,
             "seed": self.seed,
         }
@@ -157,25 +177,27 @@ def _draw_robot(seed: str, at: int, gravity: tuple[float, float]) -> TwoJointArm
     return TwoJointArm(f"arm-{purpose_digest(seed, 'robot', at).hex()[:10]}", gravity, (first, second))
 
 
-def draw_arm_cases(seed: str, kind: str, count: int) -> tuple[ArmCase, ...]:
-    """Draw the first cases of a kind.
+def draw_arm_cases(seed: str, population: Population, count: int) -> tuple[ArmCase, ...]:
+    """Draw the first cases of a population.
 
     Args:
         seed: the seed of the check.
-        kind: one of `hdagen.blind.KINDS`, but "joint".
+        population: of a family of two-joint arms.
         count: how many cases.
 
     Returns:
         The cases, in an order that the seed decides; a larger ``count`` appends to them.
 
     """
-    arms = draw_robots(seed)
-    return tuple(_draw_case(seed, kind, index, arms) for index in range(count))
+    own = population.seed_family(seed)
+    arms = draw_robots(own)
+    return tuple(_draw_case(own, population, index, arms) for index in range(count))
 
 
-def _draw_case(seed: str, kind: str, index: int, arms: Sequence[TwoJointArm]) -> ArmCase:
+def _draw_case(seed: str, population: Population, index: int, arms: Sequence[TwoJointArm]) -> ArmCase:
+    kind = population.kind
     rng = seeded_generator(seed, kind, index)
-    if kind == "none":
+    if kind == "none" or (kind == "rough" and rng.random() >= EFFECT_SHARE):
         truth: tuple[TrueEffect, ...] = ()
     elif kind == "unknown":
         truth = (TrueEffect("unknown", int(rng.integers(1, 3)), _draw_size(rng)),)
@@ -192,12 +214,16 @@ def _draw_case(seed: str, kind: str, index: int, arms: Sequence[TwoJointArm]) ->
         truth = (_draw_effect(names[int(order[place])], rng, least),)
         if kind == "unknown+one":
             truth = (*truth, TrueEffect("unknown", int(rng.integers(1, 3)), _draw_size(rng, least)))
-    background = 0.0
-    if kind == "background" or (kind == "none" and index % 2):
-        background = BACKGROUND_SIZE
+    background = population.size_background(index)
     seed_of_case = int(rng.integers(2**62))
     name = purpose_digest(seed, kind, index, "name").hex()[:16]
-    return ArmCase(name, kind, arms[int(rng.integers(3))], truth, background, seed_of_case)
+    arm = arms[int(rng.integers(3))]
+    numbers: tuple[WrongNumber, ...] = ()
+    if kind == "rough":
+        numbers = draw_wrong_numbers(rng, arm.joints, [str(one) for one in truth])
+        first, second = misstate_numbers(arm.joints, numbers)
+        arm = replace(arm, name=f"arm-{purpose_digest(seed, kind, index, 'robot').hex()[:10]}", joints=(first, second))
+    return ArmCase(name, kind, arm, truth, background, seed_of_case, numbers, population.family)
 
 
 def _draw_size(rng: np.random.Generator, least: float = SMALLEST_SIZE) -> float:
@@ -254,7 +280,7 @@ def draw_effect_parameters(
             background = 0.0 if effect in NEVER_IN_BACKGROUND else case.background
             multiple = truth.get((effect, joint), background)
             if multiple:
-                base = {**case.robot.joints[max(joint, 1) - 1], **ends[max(joint, 1)]}
+                base = {**case.machine.joints[max(joint, 1) - 1], **ends[max(joint, 1)]}
                 found[effect, joint] = size.draw(
                     multiple * size.typical, seeded_generator(str(case.seed), effect, joint), base
                 )

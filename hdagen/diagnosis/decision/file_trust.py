@@ -52,15 +52,22 @@ def describe_factor(
         parameters: the candidate's estimates by the model's names.
 
     Returns:
-        The factor, truth over file, as an estimate named "factor"; empty where the candidate is no single number.
+        The factor, truth over file, as an estimate named "factor"; of a centre of mass or an inertia in space, the part
+        of the true one along the file's. Empty where the candidate is no number.
 
     """
-    stated = [name for name in candidate.amplitudes if name in parameters]
-    if not candidate.is_number or len(stated) != 1:
+    names = [name for name in candidate.amplitudes if name in parameters]
+    if not candidate.is_number or not names:
         return {}
-    found, q = parameters[stated[0]], described[stated[0]]
+    own = [described[name] for name in names]
+    stated = np.array([q.stated for q in own])
+    size, share = np.linalg.norm(stated), stated / (stated @ stated)
+    found = np.array([parameters[name]["value"] + q.offset for name, q in zip(names, own, strict=True)])
+    spread = [parameters[name]["std"] for name in names]
     std = None
-    if found["std"] is not None:
-        std = found["std"] / abs(q.stated)
-    factor = {"value": q.compute_factor(found["value"]), "std": std, "unit": "1", "end": None}
-    return {FACTOR: factor | {"prior": q.tolerance * abs(q.nominal / q.stated), "file": q.stated}}
+    if None not in spread:
+        std = float(np.linalg.norm(share * np.array(spread, float)))
+    prior = float(np.linalg.norm(share * [q.tolerance * q.nominal for q in own]))
+    file = own[0].stated if len(own) == 1 else float(size)
+    factor = {"value": float(share @ found), "std": std, "unit": "1", "end": None}
+    return {FACTOR: factor | {"prior": prior, "file": file}}

@@ -17,20 +17,26 @@ from hdagen.diagnosis.inference.local_fit import Fit
 EffectNames = tuple[str, ...]
 
 
-def compute_factor(fit: Fit, candidate: Candidate) -> float:
-    """Compute the factor by which a number of the robot file changes in a fit.
+def measure_change(fit: Fit, candidate: Candidate) -> float:
+    """Measure how far a fit moves a number of the robot file.
 
     Args:
         fit: the fit.
-        candidate: the number, with one amplitude.
+        candidate: the number.
 
     Returns:
-        The fitted value over the file's.
+        The logarithm of the factor of a single number, infinite where it changes its sign; of a vector the logarithm
+        of 1 and the share by which it moves.
 
     """
     parameters = fit.sensitivities.shooting.arm.parameters
-    name = candidate.amplitudes[0]
-    return parameters.described[name].compute_factor(float(fit.sensitivities.point.p[parameters.index(name)]))
+    described = [parameters.described[name] for name in candidate.amplitudes]
+    values = [float(fit.sensitivities.point.p[parameters.index(name)]) for name in candidate.amplitudes]
+    if len(values) == 1:
+        factor = described[0].compute_factor(values[0])
+        return abs(math.log(factor)) if factor > 0.0 else math.inf
+    moved = math.dist(values, [q.nominal for q in described])
+    return math.log1p(moved / math.hypot(*(q.nominal for q in described)))
 
 
 def combine_numbers(
@@ -92,7 +98,6 @@ def _choose_least_change(
         if name not in numbers:
             return -math.inf
         atom = next(a for k in fit.effects if (a := fit.sensitivities.candidates.members[k]).name == name)
-        factor = compute_factor(fit, atom)
-        return abs(math.log(factor)) if factor > 0.0 else math.inf
+        return measure_change(fit, atom)
 
     return min(swapped, key=lambda name: (change(name), name))

@@ -289,7 +289,7 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
     found = {
         c.parameter: _describe_estimate(best, described[c.parameter], c.index, spread[c.parameter])
         for _, c in free
-        if c.in_every_hypothesis and described[c.parameter].tolerance > 0
+        if c.in_every_hypothesis and c.parameter in spread and described[c.parameter].tolerance > 0
     }
     conditional = {c.parameter: float(held[k]) * c.unit for k, c in free}
     for name, one in found.items():

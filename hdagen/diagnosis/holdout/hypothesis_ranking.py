@@ -10,7 +10,7 @@ from typing import Any
 
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import bootstrap_gaps
+from hdagen.diagnosis.data.held_out_gap import bootstrap_gaps
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict

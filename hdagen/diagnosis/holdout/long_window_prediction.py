@@ -28,7 +28,7 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import measure_block_errors
+from hdagen.diagnosis.data.held_out_gap import measure_block_errors
 from hdagen.diagnosis.data.prepared_data import PreparedData
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
@@ -36,6 +36,7 @@ from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_ranking import charge_effects
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.stages.optional_stages import Attempts
+from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.prediction.window_replay import Replay
 from hdagen.support.parallel import map_in_threads
 
@@ -54,21 +55,22 @@ class LongWindowPrediction:
     failures: tuple[str, ...]
 
 
-def predict_long_windows(found: SearchResult, data: PreparedData) -> LongWindowPrediction:
-    """Compare the fitted sets by their prediction of long windows, where these can be simulated.
+def predict_long_windows(found: SearchResult, data: PreparedData, budget: TimeBudget) -> LongWindowPrediction:
+    """Compare the fitted sets by their prediction of long windows, where these can be simulated in time.
 
     Args:
         found: the search, with each set at its optimum.
         data: of the diagnosis.
+        budget: the time of the diagnosis.
 
     Returns:
         The log odds that the prediction costs each set.
 
     """
-    attempts = Attempts()
+    attempts = Attempts(budget)
     nothing: Mapping[tuple[str, ...], float] = {}
     weigh = partial(weigh_predictions, found, data.fitted, data.replay_fitted)
-    log_odds = attempts.attempt("prediction over long windows", weigh, nothing)
+    log_odds = attempts.attempt_in_time("prediction over long windows", weigh, nothing)
     return LongWindowPrediction(log_odds, tuple(attempts.failures))
 
 

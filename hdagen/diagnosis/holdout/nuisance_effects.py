@@ -13,7 +13,7 @@ import numpy as np
 
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.verdict_content import estimate_parameters
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK

@@ -8,7 +8,7 @@ from typing import Any
 
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import choose_closest_replay, evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import choose_closest_replay, evaluate_gap
 from hdagen.diagnosis.data.models import Models
 from hdagen.diagnosis.data.prepared_data import PreparedData
 from hdagen.diagnosis.data.split import LogPortion, split_in_halves

@@ -23,7 +23,7 @@ from typing import Any
 from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.data_settings import DATA
-from hdagen.diagnosis.data.gap import measure_channel_errors
+from hdagen.diagnosis.data.held_out_gap import measure_channel_errors
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.posterior import SMALLEST_POSITIVE, Decision, Hypothesis, conclude_verdict

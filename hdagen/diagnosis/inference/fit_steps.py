@@ -19,14 +19,14 @@ def advance_fit(fit: Fit, words: CandidateSet) -> Fit:
     reached, and where a step fails, which is counted.
 
     Args:
-        fit: the fit; returned as it is if it has converged.
+        fit: the fit; returned as it is if it has converged, or if the time of the diagnosis is up.
         words: all candidates.
 
     Returns:
         The fit after the step.
 
     """
-    if fit.has_converged:
+    if fit.has_converged or fit.sensitivities.shooting.budget.is_up:
         return fit
     try:
         return _advance_unconverged(fit, words)

@@ -37,6 +37,7 @@ from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.rollout import Rollout, WindowSchedule
 from hdagen.diagnosis.inference.rollout_workspace import Workspace
+from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.prediction.measurement_model import (
     Rows,
     count_mechanical_states,
@@ -58,11 +59,13 @@ DRIVE_AND_POSITION_QUANTITIES = DRIVE_QUANTITIES | {
 
 @dataclass(eq=False)
 class MultipleShooting:
-    """Simulates the lanes of one record on one model; ``rollout_count`` and ``failure_count`` count them."""
+    """Simulates the lanes of one record on one model; ``rollout_count`` and ``failure_count`` count them. Fits that are
+    made with it take no further step when the time of ``budget`` is up."""
 
     arm: Arm
     record: WindowedRecord
     longest_step: float = 1e-3  # s, a step of integration
+    budget: TimeBudget = field(default_factory=TimeBudget)
     workspaces: SimpleQueue[Workspace] = field(init=False)
     rollout_count: int = field(init=False, default=0)  # lanes
     failure_count: int = field(init=False, default=0)  # of them

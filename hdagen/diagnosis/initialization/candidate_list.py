@@ -32,10 +32,8 @@ def build_candidates(
     place = {name: k for k, name in enumerate(described)}
     atoms: list[Candidate] = []
     columns: list[Column] = []
-    entries = [*arm.manifest["effects"]]
-    if with_numbers:
-        entries += arm.manifest["numbers"]
-    for effect in entries:
+    numbers = arm.manifest["numbers"] if with_numbers else []
+    for effect in (*arm.manifest["effects"], *numbers):
         for j in effect["joints"]:
             suffix = f"_{j}" if j else ""
             possible = (a + suffix for a in effect["amplitudes"])
@@ -47,7 +45,8 @@ def build_candidates(
                 _combine_shape_starts([suggested.shapes.get(s, described[s].starts) for s in shapes])
             ):
                 own = dict(zip(shapes, chosen, strict=True))
-                stated = with_numbers and all(map(_is_stated, (described[name] for name in names)))
+                is_any = any if effect in numbers else all  # an entry of a centre of mass or of an inertia may be 0
+                stated = with_numbers and is_any(map(_is_stated, (described[name] for name in names)))
                 atoms.append(Candidate(arm.effects[effect["name"]], j, names, own, not number, stated))
                 columns += [
                     _make_column(described[name], place[name], len(atoms) - 1, not number, suggested) for name in names

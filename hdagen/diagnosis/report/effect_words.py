@@ -239,7 +239,7 @@ def list_sizes(cause: Mapping[str, Any]) -> list[SizeChange]:
         for name, one in cause["parameters"].items()
         if name != FACTOR
     ]
-    if FACTOR in cause["parameters"]:
+    if FACTOR in cause["parameters"] and len(every) == 1:
         return [_size_number(every[0], cause["parameters"][FACTOR])]
     sizes = [one for one in every if one.std is not None and one.value != one.file] or every[:1]
     by_name = {one.name: one for one in sizes}
@@ -282,6 +282,8 @@ def say_effect(entry: str, content: Mapping[str, Any], *, with_sizes: bool = Tru
     cause = next(one for one in causes if (one["effect"], str(one["joint"])) == (effect, joint))
     sizes, name = list_sizes(cause), name_effect(entry, joints)
     numbers = _say_sizes(sizes) if with_sizes else ""
+    if FACTOR in cause["parameters"] and len(sizes) > 1:
+        return f"{name} is wrong in the file{numbers}"
     if len(sizes) != 1 or sizes[0].ratio is None:
         return f"{name} is missing in the model{numbers}"
     one, ratio = sizes[0], sizes[0].value / (sizes[0].file or math.nan)

@@ -108,6 +108,8 @@ def _state_next_step(content: Mapping[str, Any]) -> Fact:
     gap, named = content["gap"], list_named_effects(content)
     if content["contradicted"]:
         value, detail = "Give another hold-out", "log and hold-out do not seem to be of one machine"
+    elif content.get("not_tried"):
+        value, detail = "Give it more time", "not everything was tried"
     elif named and content["sure"]:
         value, detail = "Adopt it", "or export it; the commands stand below"
     elif named:

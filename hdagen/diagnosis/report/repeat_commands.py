@@ -43,12 +43,13 @@ class DiagnosedFiles:
         return shlex.quote(str(Path(self.folder) / "diagnosis.json"))
 
 
-def format_commands(files: DiagnosedFiles, identity: str) -> str:
+def format_commands(files: DiagnosedFiles, identity: str, *, is_complete: bool = True) -> str:
     """Format the commands that repeat a diagnosis and its replay, as a shell takes them.
 
     Args:
         files: of the diagnosis.
         identity: identity of the robot, of its numbers alone.
+        is_complete: whether everything was tried, whatever time it took.
 
     Returns:
         The text below the report.
@@ -61,10 +62,13 @@ def format_commands(files: DiagnosedFiles, identity: str) -> str:
         held = f" --hold-out {shlex.join(files.holdout)}"
     motion = shlex.quote((files.holdout or files.logs)[0])
     predicted = f"--with {files.shell_diagnosis} --out predicted.parquet"
+    repeats = "The same input gives the same diagnosis."
+    if not is_complete:
+        repeats = "How much was tried before the time was up depends on the machine; this command has no limit of time."
     return (
         f"    hdagen diagnose {files.shell_robot} {shlex.join(files.logs)}{held}{mapped}\n"
         f"    hdagen replay {files.shell_robot} {motion}{mapped} {predicted}\n\n"
-        f"The robot's identity, of its numbers alone, is {identity}. The same input gives the same diagnosis."
+        f"The robot's identity, of its numbers alone, is {identity}. {repeats}"
     )
 
 

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from hdagen.diagnosis.report.arm_picture import draw_arm_motion
 from hdagen.diagnosis.report.certainty_section import show_certainty
 from hdagen.diagnosis.report.data_section import show_control, show_data
 from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
@@ -46,7 +47,7 @@ def write_report(diagnosis: DiagnosisResult, path: Path, files: DiagnosedFiles) 
         write_verdict(content),
         [
             _show_effects(content, pictures),
-            _show_location(sight, content),
+            _show_location(sight, content, draw_arm_motion(arm, held.portion.log, content)),
             show_certainty(arm.effects, arm.parameters, content),
             show_gap(content),
             show_signals(content, held.portion, held.before, diagnosis.after),
@@ -54,7 +55,9 @@ def write_report(diagnosis: DiagnosisResult, path: Path, files: DiagnosedFiles) 
             *show_control(content),
             show_data(content),
         ],
-        format_commands(files, content["robot"].get("identity") or "not known"),
+        format_commands(
+            files, content["robot"].get("identity") or "not known", is_complete=not content.get("not_tried")
+        ),
         first_screen=open_report(content, arm.parameters, files, _list_warnings(content, pictures)),
     )
 
@@ -106,8 +109,9 @@ def _arrange_figures(figures: list[str]) -> list[str]:
     return [place_abreast(figures)]
 
 
-def _show_location(sight: ResidualTorque, content: dict[str, Any]) -> Section:
-    """The share of the closed gap of each place, its regime in words, and maps of the joint that matters most."""
+def _show_location(sight: ResidualTorque, content: dict[str, Any], pictures: list[str]) -> Section:
+    """The share of the closed gap of each place, its regime in words, then ``pictures``, and maps of the joint that
+    matters most."""
     entries, verdict, joints = content["where"], content["verdict"], content.get("joints", ())
     main = _find_main_place(content)
     said = []
@@ -126,4 +130,4 @@ def _show_location(sight: ResidualTorque, content: dict[str, Any]) -> Section:
     if rest:
         said.append(f"Refitted numbers, of the closed gap: {', '.join(rest)}.")
     maps = draw_residual_maps(sight, max(main["joint"], 1), main["place"], next(iter(verdict), ""))
-    return Section("Where and when", "\n\n".join(said), _arrange_figures(maps))
+    return Section("Where and when", "\n\n".join(said), [*pictures, *_arrange_figures(maps)])

@@ -33,6 +33,7 @@ class ReportSettings:
     most_separated: int = declare_setting(
         4, "candidates", "candidates that a motion is designed for, where none is named"
     )
+    most_untried_effects: int = declare_setting(4, "effects", "effects that are named where the time was up")
     most_named_alternatives: int = declare_setting(6, "alternatives", "alternatives of an effect that are named")
     notable_gap_share: float = declare_setting(
         0.75, "of the gap that is left", "an effect within tolerance must bring it below this to be spoken of"

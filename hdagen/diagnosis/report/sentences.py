@@ -77,7 +77,15 @@ def list_remarks(content: dict[str, Any]) -> list[str]:
     if content["contradicted"]:
         said.append(say_contradiction(content["contradicted"]))
     said += [say_combinations(content), say_strained_numbers(content)]
-    for remark in (_say_repairs, _say_remainder, _say_moments, _say_bounds, _say_nuisance_effect, _say_unmoved_joints):
+    for remark in (
+        say_untried,
+        _say_repairs,
+        _say_remainder,
+        _say_moments,
+        _say_bounds,
+        _say_nuisance_effect,
+        _say_unmoved_joints,
+    ):
         said += [remark(content)]
     return [one for one in said if one]
 
@@ -189,6 +197,28 @@ def say_contradiction(contradicted: Mapping[str, Any]) -> str:
         "another motion of the log's machine, within its range and speed, as hdagen excite designs one, or no "
         "hold-out: a fifth of the log is then kept from the fit."
     )
+
+
+def say_untried(content: Mapping[str, Any]) -> str:
+    """Say what was not tried because the time was up.
+
+    Args:
+        content: of diagnosis.json.
+
+    Returns:
+        Two sentences; "" where nothing was left out.
+
+    """
+    parts = []
+    for one in content.get("not_tried", ()):
+        effects, more = one["effects"], len(one["effects"]) - REPORT.most_untried_effects
+        named = ", ".join(effects[: REPORT.most_untried_effects])
+        if more > 0:
+            named += f" and {more} more"
+        parts.append(f"{one['part']} ({named})" if effects else one["part"])
+    if not parts:
+        return ""
+    return f"The time was up, so this was not tried: {'; '.join(parts)}. Give more time to be sure."
 
 
 def _say_moments(content: dict[str, Any]) -> str:

@@ -92,8 +92,8 @@ def _run_controller(
 
 
 def _tip_positions(arm: Arm, q: Array) -> Array:
-    """Return the tip's position (T, 2), m, at angles (T, n)."""
-    return np.asarray(arm.evaluate("points", q=q)["points"][:, -2:])
+    """Return the tip's position (T, 2), or (T, 3) in space, m, at angles (T, n)."""
+    return np.asarray(arm.evaluate("points", q=q)["points"][:, -arm.dimensions :])
 
 
 def _measure_motion(arm: Arm, log: Log) -> tuple[Array, Array, Array]:
@@ -132,7 +132,9 @@ def _lead_into_wall(arm: Arm, q: Array, period: float) -> tuple[Reference, Envir
     step[0] = CONTROLLER_IMPACT.press_depth / reach
 
     def wall(tip: Array, velocity: Array) -> Array:
-        return np.asarray(-CONTROLLER_IMPACT.wall_stiffness * max(float((tip - face[0]) @ ahead), 0.0) * ahead)
+        touch = np.zeros(arm.nu - arm.n)
+        touch[: ahead.size] = -CONTROLLER_IMPACT.wall_stiffness * max(float((tip - face[0]) @ ahead), 0.0) * ahead
+        return touch
 
     rows = [np.outer(of, step) for of in (share, rate, bend)]
     return Reference("joint", period, q + rows[0], rows[1], rows[2]), wall

@@ -81,7 +81,8 @@ def settle_close_calls(fits: list[Fit], words: CandidateSet, on_stage: StageList
         if fit is ordered[0] or charge_effects(fit.score.evidence, fit, excess) >= least:
             best.setdefault(fit.names, fit)
     close = list(best.values())[: SEARCH.most_close_calls]
-    if len(close) < 2:
+    budget = ordered[0].sensitivities.shooting.budget
+    if len(close) < 2 or budget.is_left_out("close calls, each fitted to its end"):
         return drop_columns(ordered)
     on_stage(Stage.CLOSE_CALLS)
     LOGGER.info("going on with %s", ", ".join(join_effect_names(fit) for fit in close))
@@ -90,7 +91,7 @@ def settle_close_calls(fits: list[Fit], words: CandidateSet, on_stage: StageList
     done = [fit.names for fit in close[1:] if fit.has_converged]  # the best one must have its columns
 
     def in_the_end(fit: Fit) -> Fit:
-        if not fit.has_columns and fit.names not in done:
+        if not (fit.has_columns or fit.names in done or budget.is_up):
             return continue_fit(restore_columns(fit, words), words, SEARCH.close_call_steps, FIT.least_evidence_step)
         return continue_fit(fit, words, SEARCH.close_call_steps, FIT.least_evidence_step)
 

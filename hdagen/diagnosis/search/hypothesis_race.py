@@ -149,13 +149,16 @@ def run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], on_s
         All fits, the most promising first.
 
     """
+    budget = field[0].sensitivities.shooting.budget
     field[:], out = _keep_promising(sort_by_promise(field), SEARCH.first_round_share, len(field))
     for number, most in enumerate((*sizes[1:], len(field)), 1):
         on_stage(RACE_STAGES[number - 1])
         given = (field.pop(0) for _ in range(len(field)))  # each old fit frees its memory as soon as its step is done
-        moved = sort_by_promise(
-            map_in_threads(partial(advance_with_note, words, f"round {number} of {len(sizes)}"), given)
-        )
+        tried = map_in_threads(partial(_advance_in_time, words, f"round {number} of {len(sizes)}", number == 1), given)
+        if not (moved := sort_by_promise([fit for fit in tried if fit])):
+            return sort_by_promise(out)
+        if budget.is_up:
+            budget.note_untried("further steps of fits")
         if number == SEARCH.merging_round:
             moved, left_behind = keep_best_starts(moved)
             out += left_behind
@@ -170,6 +173,17 @@ def run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], on_s
         lambda f: continue_fit(f, words, SEARCH.most_further_steps, 1.0), [f for f in best if f not in rest]
     )
     return sort_by_promise([*out, *rest, *settled])
+
+
+def _advance_in_time(words: CandidateSet, when: str, is_first: bool, fit: Fit) -> Fit | None:
+    """Take a step of a fit. Where the time is up, a fit that has taken none is noted and left out; the null model
+    stays."""
+    budget, part, names = fit.sensitivities.shooting.budget, "fits of single effects", fit.names
+    if len(names) > 1:
+        part, names = "fits of sets of effects", ()
+    if is_first and fit.effects and budget.is_left_out(part, names):
+        return None
+    return advance_with_note(words, when, fit)
 
 
 def _keep_promising(fits: list[Fit], share: float, most: int) -> tuple[list[Fit], list[Fit]]:

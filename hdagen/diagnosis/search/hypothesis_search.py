@@ -21,7 +21,7 @@ from hdagen.diagnosis.inference.marginal_likelihood import (
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, begin_sets
-from hdagen.diagnosis.search.close_calls import find_look_alikes, fit_from_leader, settle_close_calls
+from hdagen.diagnosis.search.close_calls import RefitCall, find_look_alikes, fit_from_leader, settle_close_calls
 from hdagen.diagnosis.search.fit_ranking import (
     drop_columns,
     drop_undeserved,
@@ -95,19 +95,19 @@ def search_hypotheses(shooting: MultipleShooting, words: CandidateSet, on_stage:
     far = {}
     if regression:
         far = regression.distant_effects()
+    none = next(s for s in screened if not s.effects)
+    field = [start_fit(at, words, (), none.posterior.s)]
+    if shooting.budget.is_left_out("fits of single effects", (atom.name for atom in words.members)):
+        return SearchResult(words, tuple(field), tuple(screened))
     starts = scan_sizes(at, words, far=far)
     at.cross_products.drop_caches()
-    none = next(s for s in screened if not s.effects)
-    field = [
-        start_fit(at, words, (), none.posterior.s),
-        *start_promising(at, words, screened, starts, (), SEARCH.race_sizes[0], SEARCH.least_evidence_gain),
-    ]
+    field += start_promising(at, words, screened, starts, (), SEARCH.race_sizes[0], SEARCH.least_evidence_gain)
     if regression:
         field += begin_sets(regression, at, none.posterior.s)
     if len(numbers := choose_wrong_numbers(field[0])) > 1:
         field.append(start_fit(at, words, numbers, none.posterior.s))
     fits = run_races(at, words, field, on_stage)
-    if regression:
+    if regression and not shooting.budget.is_left_out("ordinary frictions in place of the leading ones"):
         fits = drop_columns(sort_by_evidence([*fits, *fit_ordinary_frictions(regression, at, words, fits)]))
     return SearchResult(words, tuple(fits), tuple(screened))
 
@@ -125,7 +125,8 @@ def _add_numbers_alone(fitted: list[Fit], words: CandidateSet) -> list[Fit]:
     robot file was taken as right."""
     lead = first_with_columns(fitted)
     numbers = list_numbers(lead)
-    if not numbers or len(numbers) == len(lead.effects):
+    budget = lead.sensitivities.shooting.budget
+    if not numbers or len(numbers) == len(lead.effects) or budget.is_left_out("wrong numbers alone"):
         return fitted
     alone = continue_fit(refit_without(lead, words, numbers), words, SEARCH.most_further_steps, 1.0)
     alone = free_wrong_numbers(alone, words) or alone
@@ -188,7 +189,8 @@ def run_races(
         lead,
         *[f for f in fitted if f is not lead and f.has_columns and f.effects and leaves_much(lead, fitted)][:1],
     ]
-    while may_grow(leads[0]):
+    budget = at.shooting.budget
+    while may_grow(leads[0]) and not budget.is_left_out("one more effect beside the leading set"):
         before = leads[0]
         for lead in leads:
             words = add_ripple_orders(lead, words)
@@ -205,17 +207,29 @@ def run_races(
                 lead = stood
             break
         leads, fitted = [lead], drop_columns(fitted)
+    on_stage(Stage.RIVALS)
+    return settle_close_calls([*fitted, *_fit_rivals(at, lead, fitted, words)], words, on_stage)
+
+
+def _fit_rivals(at: Sensitivities, lead: Fit, fitted: list[Fit], words: CandidateSet) -> list[Fit]:
+    """Fit the leading set without one of its effects or all of them, its look-alikes, and several effects once more
+    from the robot file's numbers, as long as there is time."""
     fewer = [atoms for atoms in lead.subsets[:-1] if len(atoms) in {0, len(lead.effects) - 1}]
     fewer = [
         atoms
         for atoms in fewer
         if lead.predicted_evidence(atoms) > lead.evidence_here - SEARCH.look_alike_margin * lead.misfit_temperature
     ]
-    on_stage(Stage.RIVALS)
     begin = [
         *((refit_without, atoms) for atoms in fewer),
         *((refit_swapping, atoms) for atoms in find_look_alikes(lead, fitted, words)),
     ]
     if len(lead.effects) > 1:
         begin.append((partial(refit_from_start, at.point), lead.effects))
-    return settle_close_calls([*fitted, *map_in_threads(partial(fit_from_leader, lead, words), begin)], words, on_stage)
+
+    def fit_in_time(rival: RefitCall) -> Fit | None:
+        if at.shooting.budget.is_left_out("rivals of the leading set"):
+            return None
+        return fit_from_leader(lead, words, rival)
+
+    return [fit for fit in map_in_threads(fit_in_time, begin) if fit]

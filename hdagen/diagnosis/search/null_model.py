@@ -18,6 +18,7 @@ from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.null_model_settings import NULL_MODEL
 from hdagen.diagnosis.search.ripple_order import suggest_ripple_orders
+from hdagen.diagnosis.stages.time_budget import TimeBudget
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,19 +38,22 @@ class NullModel:
     fit: Fit
 
 
-def fit_null_model(arm: Arm, record: WindowedRecord, *, with_numbers: bool = False) -> NullModel:
+def fit_null_model(
+    arm: Arm, record: WindowedRecord, budget: TimeBudget | None = None, *, with_numbers: bool = False
+) -> NullModel:
     """Fit the null model, and prepare the candidates by it.
 
     Args:
         arm: the model with every effect.
         record: windows of the log.
+        budget: the time of the diagnosis, for this fit and for all that are made with its simulator.
         with_numbers: whether numbers of the robot file are candidates.
 
     Returns:
         The fitted null model with the candidates.
 
     """
-    shooting = MultipleShooting(arm, record)
+    shooting = MultipleShooting(arm, record, budget=budget or TimeBudget())
     hints = guess_from_log(arm, record)
     build = partial(build_candidates, arm, uncommanded=record.joints_without_command, with_numbers=with_numbers)
     fit = fit_without_effects(shooting, build(suggested=hints))

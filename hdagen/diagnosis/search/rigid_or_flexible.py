@@ -52,17 +52,21 @@ def compare_with_springs(
         PlantError: the model cannot be loaded.
 
     """
-    if len(arm.manifest["flexible"]) == arm.n:
+    rigid = set(range(1, arm.n + 1)) - {*arm.manifest["flexible"]}
+    if not any(arm.parameters[f"motor_inertia_{j}"] for j in rigid):
+        return found  # no rotor that could turn by itself
+    budget = found.fits[0].sensitivities.shooting.budget
+    if budget.is_left_out("springs in joints that the robot file calls rigid"):
         return found
     springs = [name for name, traits in arm.effects.items() if traits.series_spring]
     flexible = load(robot, "native", ("all", *springs))
     _log_rigid_joints(flexible)
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
-        return found  # no rotor that could turn by itself
+        return found
     _narrow_spring_bounds(flexible)
     on_stage(Stage.SPRINGS)
     shooting = MultipleShooting(
-        flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SEARCH.spring_step
+        flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SEARCH.spring_step, budget
     )
     candidates = build_candidates(
         flexible,

@@ -91,7 +91,7 @@ def free_wrong_numbers(lead: Fit, words: CandidateSet) -> Fit | None:
     fit = lead
     for number in range(1, SEARCH.number_rounds + 1):
         chosen = choose_wrong_numbers(fit)
-        if not chosen:
+        if not chosen or fit.sensitivities.shooting.budget.is_left_out("wrong numbers beside the leading set"):
             break
         at = fit.sensitivities
         begun = start_fit_at(

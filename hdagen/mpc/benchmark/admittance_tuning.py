@@ -11,8 +11,9 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guarded_controller import Controller
 from hdagen.control.reference_motion import Reference
 from hdagen.mpc.configuration import Configuration, list_admittance_gains
+from hdagen.simulation.ideal_admittance import simulate_ideal_admittance
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import Push, run, simulate_ideal_admittance
+from hdagen.simulation.simulator import Push, run
 
 TUNED_GAIN_NAMES = ("bandwidth", "observer_bandwidth", "velocity_cutoff")
 TUNING_METHOD = "Nelder-Mead on the logarithms of the gains, cost: mean distance from the ideal motion"
@@ -63,7 +64,7 @@ def tune_admittance(
         inside = np.clip(logarithms, start - np.log(GAIN_SPREAD), start + np.log(GAIN_SPREAD))
         controller.configure(controller.guard, {**wanted, **dict(zip(TUNED_GAIN_NAMES, np.exp(inside), strict=True))})
         done = run(arm, controller, path, pushes, sensors, TUNING_SEED)
-        goal = path.position + simulate_ideal_admittance(arm, controller, done.push, path.period)
+        goal = path.position + simulate_ideal_admittance(controller, done.push, path.period)
         return float(np.linalg.norm(done.tip - goal, axis=1).mean()) + float(np.abs(logarithms - inside).sum())
 
     simplex = start + np.vstack([np.zeros(3), 0.4 * np.eye(3)])

@@ -24,8 +24,8 @@ from hdagen.mpc.benchmark.law_comparison import (
 from hdagen.mpc.closed_loop_trial import Trial, evaluate_trial, run_trial
 from hdagen.mpc.configuration import Configuration, list_admittance_gains
 from hdagen.mpc.predictive_controller import MPC
+from hdagen.simulation.ideal_admittance import simulate_ideal_admittance
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import simulate_ideal_admittance
 
 CONVERGED_STEPS, CONVERGED_SECONDS = 30, 4.0
 CONVERGED_SEEDS = 5  # the noise alone moves the price of a run by half a percent
@@ -93,7 +93,7 @@ def compute_loop_cost(arm: Arm, c: Configuration, path: Reference, found: Trial,
 
     """
     s, h = found.simulation, path.period
-    goal = path.position + simulate_ideal_admittance(arm, controller, s.push, h, list_admittance_gains(c))
+    goal = path.position + simulate_ideal_admittance(controller, s.push, h, list_admittance_gains(c))
     node = round(c.grid[0] / h)
     share = s.torque / np.array(arm.manifest["mpc"]["torque"])
     q, v = (s.state[:, _joint_columns(arm, what)] for what in ("position", "velocity"))

@@ -15,7 +15,7 @@ from replayed import FLEXIBLE, diagnosis, erring, simulated
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.cli import replay as replay_command
-from hdagen.diagnosis.data.gap import choose_closest_replay, compute_gap_bounds, evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import choose_closest_replay, compute_gap_bounds, evaluate_gap
 from hdagen.diagnosis.data.held_out_rows import count_rows, name_rows
 from hdagen.diagnosis.data.split import LogPortion, split_logs
 from hdagen.log.concatenation import concatenate_logs

@@ -9,7 +9,7 @@ import pytest
 from replayed import erring
 from test_diagnosis_decision import beside_a_bias
 
-from hdagen.diagnosis.data.gap import evaluate_gap, measure_block_errors
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap, measure_block_errors
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.posterior import score_hypotheses
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK

@@ -12,7 +12,7 @@ from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.posterior import Hypothesis
@@ -84,7 +84,7 @@ def test_each_rung_is_a_hypothesis_with_its_own_parameters(build: Builder) -> No
 
 
 def test_a_verdict_that_was_withdrawn_stays_as_a_hypothesis(build: Builder) -> None:
-    arm = Arm(build(FLEXIBLE, effects=("current_bias",)).folder)
+    arm = Arm(build(FLEXIBLE, effects=("cable_spring", "current_bias")).folder)
     words, log = build_candidates(arm, InitialGuess({}, {}, {})).columns_for(()), simulated(arm)
     held, before, name = LogPortion(log, np.ones(len(log), bool)), replay(arm, log), ("current_bias@2",)
     hypotheses = [Hypothesis(name, 0.9, stands(arm, words, name, {"bias_2": 0.01}))]

@@ -7,7 +7,7 @@ import pytest
 from replayed import simulated
 
 from hdagen.arm.compiled_arm import Arm, load
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.holdout.nonparametric_baseline import RidgeRegression, fit_nonparametric_baseline
 from hdagen.log.measured_log import Log

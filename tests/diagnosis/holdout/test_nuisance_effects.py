@@ -15,7 +15,7 @@ from replayed import FLEXIBLE, simulated
 from hdagen.adoption import verdict
 from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict, estimate_parameters
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
@@ -98,7 +98,7 @@ def test_of_two_walls_the_one_that_the_log_does_not_tell_is_not_there(
     above: float, below: float, there: tuple[float, float], build: Builder
 ) -> None:
     """In standard deviations; where it tells neither, the wall that is named is either."""
-    arm = Arm(build(FLEXIBLE, effects=("contact",)).folder)
+    arm = Arm(build(FLEXIBLE, effects=("contact", "gravity_tilt")).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {})).columns_for(())
     (atom,) = (k for k, atom in enumerate(words.members) if atom.name == "contact@1" and atom.has_default_shapes)
     std, places = 0.01, list(arm.parameters.described)
@@ -116,7 +116,7 @@ def test_of_two_walls_the_one_that_the_log_does_not_tell_is_not_there(
 
 
 def test_what_a_base_leans_goes_with_any_verdict_that_does_not_name_it(build: Builder) -> None:
-    arm = Arm(build(FLEXIBLE, effects=("gravity_tilt",)).folder)
+    arm = Arm(build(FLEXIBLE, effects=("contact", "gravity_tilt")).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {})).columns_for(())
     usual = {axis: float(arm.parameters.described[f"tilt_{axis}"].typical or 0.0) for axis in "xy"}
     assert usual["x"] and usual["y"]

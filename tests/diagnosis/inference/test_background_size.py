@@ -11,7 +11,7 @@ from replayed import FLEXIBLE, simulated
 
 from hdagen.adoption.verdict import apply_verdict
 from hdagen.arm.compiled_arm import Arm
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict
@@ -27,6 +27,7 @@ from hdagen.prediction.window_replay import replay
 
 Builder = Callable[..., Compiled]
 EFFECTS = ("torque_ripple", "cable_spring", "current_bias", "encoder_eccentricity", "asymmetric_friction", "stiffness")
+SHOWN = ("contact", "cable_spring", "torque_sensor_gain", "current_saturation")  # and in test_sensitivities.py
 ORDER, RIPPLE = 9.0, 1.0  # and its size, usual ones
 
 
@@ -128,7 +129,7 @@ def test_another_share_is_the_same_there_and_back_with_or_without_columns(build:
 
 @pytest.mark.parametrize("share", CANDIDATES.spike_scales)
 def test_a_wall_that_no_one_meant_is_tolerated_as_a_cable_is(build: Builder, share: float) -> None:
-    arm = Arm(build(FLEXIBLE, effects=("contact", "cable_spring")).folder)
+    arm = Arm(build(FLEXIBLE, effects=SHOWN).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {})).with_spike_scale(share)
     widths = {
         c.parameter: c.spike_width * c.unit

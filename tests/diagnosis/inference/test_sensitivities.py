@@ -27,6 +27,7 @@ from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.null_model import make_nominal_point
 
 Builder = Callable[..., Compiled]
+SHOWN = ("contact", "cable_spring", "torque_sensor_gain", "current_saturation")  # and in test_background_size.py
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +159,7 @@ def test_points_that_are_looked_at_together_are_what_each_is_alone(shooting: Mul
 
 def test_what_no_channel_shows_is_silent_and_what_shows_in_its_whole_size_is_not(build: Builder) -> None:
     """Nothing measures the joint's torque; a limit of the drive shows where it is as low as usual, not where higher."""
-    arm = Arm(build(FLEXIBLE, effects=("torque_sensor_gain", "current_saturation", "cable_spring")).folder)
+    arm = Arm(build(FLEXIBLE, effects=SHOWN).folder)
     log = simulated(arm)
     shooting = MultipleShooting(arm, cut_windows(arm, LogPortion(log, np.ones(len(log), bool)), 0.05))
     words = build_candidates(arm, guess_from_log(arm, shooting.record))

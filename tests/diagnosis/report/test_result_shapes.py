@@ -25,7 +25,7 @@ from hdagen.adoption import verdict
 from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.compiled_arm import Arm
 from hdagen.campaign.task import Outcome, Status
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion, mark_holdout_blocks
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, add_direct_evidence
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis, conclude_verdict

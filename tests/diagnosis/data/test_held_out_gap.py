@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.data.gap import evaluate_gap
+from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import Replay

@@ -15,7 +15,7 @@ from hdagen.prediction.window_replay import Replay, combine_channel_errors
 
 
 def evaluate_gap(before: Replay, after: Replay, held: LogPortion, flexible: Replay | None = None) -> dict[str, Any]:
-    """Compute `evaluate_gap` of diagnosis.json on held-out motion.
+    """Compute `gap` of diagnosis.json on held-out motion.
 
     A gap is the root mean square of the replay errors in multiples of each channel's noise, `combine_channel_errors`
     over the channels that the model can err in. The interval of the closed share comes from blocks of windows drawn

@@ -1,0 +1,54 @@
+"""Inertias that no body can have are taken to the nearest possible one, and possible ones are left alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import space_robots
+from compiled import Compiled
+
+from hdagen.adoption.link_inertia import ENTRIES, make_inertias_possible
+from hdagen.arm.compiled_arm import Arm
+
+
+@pytest.fixture(scope="module")
+def arm(build: Callable[..., Compiled]) -> Arm:
+    return Arm(build(space_robots.chain("RR", 3)).folder)
+
+
+def set_inertia(arm: Arm, joint: int, inertia: np.ndarray) -> Arm:
+    changed = arm.with_parameters(arm.p)
+    for entry in ENTRIES:
+        row, column = ("xyz".index(letter) for letter in entry)
+        changed.p[changed.parameters.index(f"inertia_{entry}_{joint}")] = inertia[row, column]
+    return changed
+
+
+def read_inertia(values: dict[str, float], joint: int) -> np.ndarray:
+    xx, yy, zz, xy, xz, yz = (values[f"inertia_{entry}_{joint}"] for entry in ENTRIES)
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def test_possible_inertias_stay(arm: Arm) -> None:
+    assert make_inertias_possible(arm) == ({}, [])
+
+
+def test_impossible_ones_become_possible_and_stay_near(arm: Arm) -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        moments = rng.uniform(0.01, 0.1, 2)
+        third = moments.sum() * rng.uniform(1.02, 1.5)  # above the sum of the others
+        inertia = turn @ np.diag([*moments, third]) @ turn.T
+        changed, notes = make_inertias_possible(set_inertia(arm, 2, inertia))
+        found = read_inertia(changed, 2)
+        made = np.linalg.eigvalsh(found)
+        assert made[0] > 0 and made[2] < made[0] + made[1] and len(changed) == 6 and "axis_2 (2)" in notes[0]
+        assert np.abs(found - inertia).max() <= third - moments.sum() + 0.01 * third
+        assert make_inertias_possible(set_inertia(arm, 2, found)) == ({}, [])
+
+
+def test_the_plane_has_none(build: Callable[..., Compiled]) -> None:
+    assert make_inertias_possible(Arm(build("paper").folder)) == ({}, [])
