@@ -39,7 +39,7 @@ def emit_function(f: ca.Function, name: str) -> tuple[str, list[str]]:
     lines = emit_body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
     computed = [line for line in lines if line.startswith("const ")]
     stored = [line for line in lines if not line.startswith("const ")]
-    definitions = [found.groups() for line in computed if (found := DEFINITION.fullmatch(line))]
+    definitions = [(found[1], found[2]) for line in computed if (found := DEFINITION.fullmatch(line))]
     again = {value: text for value, text in definitions if not VALUE.search(text) and "(" not in text}
     steps = [pair for pair in definitions if pair[0] not in again]
     blocks = [steps[k : k + LONGEST_PART] for k in range(0, len(steps), LONGEST_PART)]

@@ -11,7 +11,7 @@ import numpy as np
 from hdagen.blind.blind_report import Report, describe_host, figures_by_effect
 from hdagen.blind.confidence_intervals import finite_or_none
 from hdagen.blind.labels import FIGURE_LABELS, describe_population, format_figure
-from hdagen.blind.realities.effect_places import PLACES
+from hdagen.blind.realities.effect_places import EFFECT_PLACES
 from hdagen.blind.realities.population import DRIVETRAIN, FRICTION_KIND, JOINT, MAXWELL, MODEL
 from hdagen.blind.required_rates import Bar
 from hdagen.blind.score_summary import (
@@ -207,7 +207,7 @@ def _confusion_section(report: Report) -> page.Section:
     counts = count_confusions(report.rows)
     if not counts:
         return page.Section("What was taken for what", "Cases of several effects stand in the table of all cases.")
-    order = [*PLACES, "unknown", "none", "several", "failed"]
+    order = [*EFFECT_PLACES, "unknown", "none", "several", "failed"]
     truths = sorted(counts, key=order.index)
     names = {one for line in counts.values() for one in line}
     # effects that a diagnosis names beyond the table of effects stand at the end

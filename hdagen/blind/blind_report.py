@@ -12,7 +12,7 @@ from typing import Any
 from hdagen.blind.confidence_intervals import Figure, estimate_mean, estimate_median, estimate_rate, finite_or_none
 from hdagen.blind.label_seal import Seal, hash_seed
 from hdagen.blind.parameter_errors import ComparisonLine, compare_parameters
-from hdagen.blind.realities.effect_places import PLACES
+from hdagen.blind.realities.effect_places import EFFECT_PLACES
 from hdagen.blind.required_rates import Bar, find_bars
 from hdagen.blind.score_summary import bin_by_confidence, count_confusions, select_single, summarize_rows
 from hdagen.blind.scores import Row
@@ -62,11 +62,11 @@ def figures_by_effect(rows: Sequence[Row]) -> dict[str, dict[str, Figure]]:
         rows: cases of any kind.
 
     Returns:
-        Figures by effect, in the order of `PLACES`: right "effect", "joint" and "place", "p_truth", and "snr".
+        Figures by effect, in the order of `EFFECT_PLACES`: right "effect", "joint" and "place", "p_truth", and "snr".
 
     """
     found = {}
-    for name in PLACES:
+    for name in EFFECT_PLACES:
         mine = [row for row in select_single(rows) if row.true_effect == name]
         if mine:
             found[name] = {

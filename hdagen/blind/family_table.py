@@ -14,7 +14,7 @@ from hdagen.blind.scores import Row
 from hdagen.diagnosis.decision.decision_settings import DECISION
 
 FEWEST_CASES = 30  # of the other families together, that a calibration is fitted to
-_COLUMNS = ("effect_and_joint", "p_truth", "sure", "sure_and_wrong")
+_SHOWN_FIGURES = ("effect_and_joint", "p_truth", "sure", "sure_and_wrong")
 
 
 def render_family_table(rows: Mapping[str, Sequence[Row]]) -> str:
@@ -40,7 +40,11 @@ def render_family_table(rows: Mapping[str, Sequence[Row]]) -> str:
             summarize_rows(mine),
             [row for name, every in single.items() if name != family for row in every],
         )
-        cells = [FAMILY_TITLES[family], str(len(mine)), *(format_figure(name, figures[name]) for name in _COLUMNS)]
+        cells = [
+            FAMILY_TITLES[family],
+            str(len(mine)),
+            *(format_figure(name, figures[name]) for name in _SHOWN_FIGURES),
+        ]
         cells.append(format_figure("calibration_error", calibration_error(mine)))
         cells.append(_format_transfer(transfer_calibration(others, mine)))
         lines.append(f"| {' | '.join(cells)} |")

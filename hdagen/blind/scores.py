@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hdagen.blind.realities.effect_places import PLACES
+from hdagen.blind.realities.effect_places import EFFECT_PLACES
 
 EQUIVALENT_EFFECTS = {"asymmetric_friction": "current_bias"}  # they differ near standstill only: either name counts
 GAP_KEYS = ("before", "after", "after_true")
@@ -144,7 +144,7 @@ class Row:
     @property
     def is_place_right(self) -> bool:
         """Whether the diagnosis places the gap where the effect acts."""
-        return self.place == PLACES.get(self.true_effect)
+        return self.place == EFFECT_PLACES.get(self.true_effect)
 
 
 def is_factor_right(found: Mapping[str, Mapping[str, Any]], true: float) -> bool:

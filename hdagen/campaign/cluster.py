@@ -117,6 +117,7 @@ def _connect(asked: ClusterRequest, say: Callable[[str], None]) -> Iterator[tupl
         silence_logs=logging.CRITICAL + 1,
         scheduler_sync_interval=3600,  # s
     )
+    assert cluster.scheduler is not None
     for name in _UNUSED_CHECKS:
         cluster.scheduler.periodic_callbacks[name].callback_time = 60_000  # ms
     try:

@@ -63,20 +63,14 @@ def closed_loops(
 
     """
     table = _tabulate_gains(controller, gains)
-    if controller.arm.folder != arm.folder:
-        raise PlantError(
-            f"the controller's model is of another build, {controller.arm.folder.name}, than the arm, "
-            f"{arm.folder.name}; closed loops in lanes take one, with other parameters where they differ."
-        )
     scheme = resolve_sensor_errors(arm, sensors or Sensors())
-    if scheme.delay > MOST_DELAY_TICKS:
-        raise PlantError(
-            f"a delay of {scheme.delay} ticks is more than closed loops in lanes take, {MOST_DELAY_TICKS}."
-        )
+    _check_lanes(arm, controller, scheme.delay)
     q0 = find_start(arm, reference, start)
     rows = controller.rows(convert_to_law_space(controller, reference, q0))
     push = sum_push_forces(pushes, reference.time, arm.nu - arm.n)
-    felt = _measure_force(push, seed, scheme.force_noise)
+    felt = push.copy()
+    forces = min(push.shape[1], 3)  # a moment is measured without noise
+    felt[:, :forces] += np.random.default_rng(seed).normal(size=(len(push), forces)) * scheme.force_noise
     period = controller.guard.period
     steps = arm.count_steps(period)
     limits = np.concatenate(controller.torque_limits())
@@ -90,11 +84,15 @@ def closed_loops(
     return np.concatenate(found)
 
 
-def _measure_force(push: Array, seed: int, noise: float) -> Array:
-    """The force sensor's reading; a moment is measured without noise."""
-    felt, forces = push.copy(), min(push.shape[1], 3)
-    felt[:, :forces] += np.random.default_rng(seed).normal(size=(len(push), forces)) * noise
-    return felt
+def _check_lanes(arm: Arm, controller: Controller, delay: int) -> None:
+    """Refuse a controller of another build, and a delay (ticks) that lanes do not hold."""
+    if controller.arm.folder != arm.folder:
+        raise PlantError(
+            f"the controller's model is of another build, {controller.arm.folder.name}, than the arm, "
+            f"{arm.folder.name}; closed loops in lanes take one, with other parameters where they differ."
+        )
+    if delay > MOST_DELAY_TICKS:
+        raise PlantError(f"a delay of {delay} ticks is more than closed loops in lanes take, {MOST_DELAY_TICKS}.")
 
 
 def _tabulate_gains(controller: Controller, gains: Mapping[str, ArrayLike]) -> Array:

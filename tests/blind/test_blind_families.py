@@ -17,7 +17,6 @@ import pytest
 
 import hdagen
 from hdagen.blind.realities import log_maker
-from hdagen.blind.realities.arm_motion import PERIOD, Motion
 from hdagen.blind.realities.arm_world import ArmWorld
 from hdagen.blind.realities.cases import draw_cases
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
@@ -27,7 +26,7 @@ from hdagen.blind.realities.joint_effects import JOINT_EFFECTS
 from hdagen.blind.realities.log_noise import choose_kept_rows, color_noise
 from hdagen.blind.realities.maxwell_drive import LawTable, MaxwellDrive
 from hdagen.blind.realities.maxwell_motion import draw_point_moves
-from hdagen.blind.realities.maxwell_reality import STEP, MaxwellSimulation, simulate_arm
+from hdagen.blind.realities.maxwell_reality import MAXWELL_STEP, MaxwellSimulation, simulate_arm
 from hdagen.blind.realities.misstated_numbers import NUMBER_RANGES
 from hdagen.blind.realities.population import (
     FAMILIES,
@@ -44,6 +43,7 @@ from hdagen.blind.realities.two_joint_arms import (
     TwoJointArm,
     draw_true_parameters,
 )
+from hdagen.blind.realities.two_joint_motion import PERIOD, Motion
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 
@@ -171,7 +171,7 @@ def test_without_losses_energy_stays_and_with_friction_it_only_falls() -> None:
             springs.append(stored)
             energy.append(one.compute_energy() + stored)
             for _ in range(25):
-                one.advance_step(n * 25 * STEP, 0, (0.0, 0.0))
+                one.advance_step(n * 25 * MAXWELL_STEP, 0, (0.0, 0.0))
         return np.array(energy), float(np.ptp(springs))
 
     free, exchanged = fall(LOSSLESS)
@@ -192,12 +192,12 @@ def test_slip_elements_reach_the_level_and_dahl_s_loop_its_torque() -> None:
         "presliding_friction": {"share": 0.5, "angle": 0.1, "damping": 0.0},
         "transmission_hysteresis": {"torque": 1.5, "angle": 2e-4},
     }
-    drive = MaxwellDrive(JOINTS[0] | LOSSLESS | {"coulomb_friction": 0.04}, effects, STEP)
+    drive = MaxwellDrive(JOINTS[0] | LOSSLESS | {"coulomb_friction": 0.04}, effects, MAXWELL_STEP)
     start = drive.compute_torques(0.0, 0.0, 0.0, 0.0)
     assert start[0] == 0.0 and start[1:3] == (0.02, 0.02)
     theta = 0.0
     for _ in range(600):
-        theta += 50.0 * STEP
+        theta += 50.0 * MAXWELL_STEP
         motor, ahead, _, tau = drive.compute_torques(theta, 50.0, 0.0, 0.5)
     bare = LawTable(JOINTS[0]).read_torque(theta / 100.0)
     assert tau - bare == pytest.approx(1.5, rel=1e-6) and ahead == pytest.approx(0.02)

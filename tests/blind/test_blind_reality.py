@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import hdagen
-from hdagen.blind.realities.arm_motion import Motion, draw_circle_motion, draw_rich_motion
 from hdagen.blind.realities.arm_reality import ARM_STEP, PERIOD, simulate_world
 from hdagen.blind.realities.arm_world import ArmWorld, tilt_gravity
 from hdagen.blind.realities.drivetrain import Drivetrain, MaxwellSlip, Springs
@@ -26,6 +25,7 @@ from hdagen.blind.realities.two_joint_arms import (
     draw_effect_parameters,
     draw_robots,
 )
+from hdagen.blind.realities.two_joint_motion import Motion, draw_circle_motion, draw_rich_motion
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 

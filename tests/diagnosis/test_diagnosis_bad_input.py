@@ -16,10 +16,10 @@ from replayed import FLEXIBLE, simulated
 from test_result_shapes import CHANNEL, FRICTION, content
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.blind.realities.arm_motion import Motion, draw_rich_motion
 from hdagen.blind.realities.arm_reality import simulate_world
 from hdagen.blind.realities.arm_world import ArmWorld
 from hdagen.blind.realities.two_joint_arms import SCATTERED_PARAMETERS, TwoJointArm, draw_robots, draw_true_parameters
+from hdagen.blind.realities.two_joint_motion import Motion, draw_rich_motion
 from hdagen.data_quality.log_preparation import _find_still_joints
 from hdagen.data_quality.log_repair import repair_log
 from hdagen.diagnosis.data.split import LogPortion

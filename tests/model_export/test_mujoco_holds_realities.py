@@ -14,9 +14,9 @@ import pytest
 from compiled import Compiled
 
 from hdagen.arm.compiled_arm import Arm
-from hdagen.blind.realities.arm_motion import draw_rich_motion
 from hdagen.blind.realities.arm_reality import simulate_world
 from hdagen.blind.realities.arm_world import ArmWorld
+from hdagen.blind.realities.two_joint_motion import draw_rich_motion
 from hdagen.log.measured_log import Log
 from hdagen.model_export.corrected_robot import CorrectedRobot
 from hdagen.model_export.mjcf_writer import write

@@ -17,9 +17,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from hdagen.blind.realities.arm_motion import Motion
 from hdagen.blind.realities.arm_world import LARGEST_COMMAND, ArmWorld, tilt_gravity
 from hdagen.blind.realities.drivetrain import Drivetrain
+from hdagen.blind.realities.two_joint_motion import Motion
 
 PERIOD = 1e-3  # s, of the controller and the log
 STEPS_PER_SAMPLE = 40  # a period

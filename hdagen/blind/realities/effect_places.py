@@ -7,4 +7,4 @@ from collections.abc import Mapping
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
 from hdagen.blind.realities.joint_effects import JOINT_EFFECTS
 
-PLACES: Mapping[str, str] = {name: one.place for name, one in (*JOINT_EFFECTS.items(), *EFFECT_SIZES.items())}
+EFFECT_PLACES: Mapping[str, str] = {name: one.place for name, one in (*JOINT_EFFECTS.items(), *EFFECT_SIZES.items())}

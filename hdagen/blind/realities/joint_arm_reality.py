@@ -16,21 +16,24 @@ import mujoco
 import numpy as np
 
 from hdagen.blind.realities.arm_world import ArmWorld, tilt_gravity
-from hdagen.blind.realities.joint_arms import GRAVITY, JointArmCase
+from hdagen.blind.realities.joint_arms import CHAIN_GRAVITY, JointArmCase
 from hdagen.blind.realities.joint_effects import UNKNOWN_JOINT_KINDS
 from hdagen.blind.realities.joint_motion import PERIOD, compute_link_torques
 from hdagen.blind.realities.log_noise import choose_kept_rows, color_noise
 from hdagen.blind.realities.random_streams import seeded_generator
-from hdagen.blind.realities.rigid_joints import CONTROLLER_RATE, SPRING_KEYS
+from hdagen.blind.realities.rigid_joints import CONTROLLER_RATE, SERIES_SPRING_KEYS
 
-STEPS_PER_PERIOD = 10
-CHAIN_STEP = PERIOD / STEPS_PER_PERIOD  # s
+CHAIN_STEPS = 10
+CHAIN_STEP = PERIOD / CHAIN_STEPS  # s
 JointEffects = Mapping[tuple[str, int], Mapping[str, float]]  # parameters by effect and joint
 _ARMATURE_RATIO = 2.0  # largest inertia that a loop counts on by the armature, where a spring yields
-_BANDWIDTH, _BANDWIDTH_SHARE = 20.0, 0.08  # largest of the position loop, rad/s, and share of the loop's rate, Hz
-_LOOP_DAMPING = 0.9
+_EFFORT_BANDWIDTH, _EFFORT_BANDWIDTH_SHARE = (
+    20.0,
+    0.08,
+)  # largest of the position loop, rad/s, and share of the loop's rate, Hz
+_EFFORT_DAMPING = 0.9
 _FILTER_RATIO = 4.0  # cutoff of the speed's filter by the bandwidth
-_LARGEST_JITTER = 80e-6  # s, error of a stamp
+_LARGEST_STAMP_ERROR = 80e-6  # s, error of a stamp
 _CREEP_SPEED = 1e-3  # share of a joint's speed at which one-sided friction has half its torque
 _SNAP_SECONDS = 0.03  # s, in which a spring snaps over
 _HARDEST_IMPEDANCE = 0.9999  # MuJoCo's hardest impedance
@@ -52,7 +55,7 @@ def simulate_chain(case: JointArmCase, which: str, seconds: float, effects: Join
     rng = seeded_generator(str(case.seed), "noise", which)
     commands, efforts, angles = ChainSimulation(case, which, seconds, effects).simulate_rows()
     count, nominal = len(efforts), case.machine.joints
-    columns = {"time": np.arange(count) / case.rate + rng.uniform(-_LARGEST_JITTER, _LARGEST_JITTER, count)}
+    columns = {"time": np.arange(count) / case.rate + rng.uniform(-_LARGEST_STAMP_ERROR, _LARGEST_STAMP_ERROR, count)}
     for j, joint in enumerate(nominal):
         if case.commanded:
             columns[f"motor_torque_command_{j + 1}"] = commands[:, j]
@@ -110,9 +113,9 @@ class ChainJoint:
         self.level = joint["coulomb_friction"] + effects.get("coulomb_friction", {}).get("torque", 0.0)
         self.viscous = joint["viscous_friction"] + effects.get("viscous_friction", {}).get("coefficient", 0.0)
         self.stiffness, self.stiffening, self.damping = 0.0, 0.0, 0.0
-        if SPRING_KEYS[0] in joint:
-            self.stiffness = joint[SPRING_KEYS[0]] * effects.get("stiffness", {}).get("factor", 1.0)
-            self.stiffening, self.damping = joint[SPRING_KEYS[1]], joint["torsional_damping"]
+        if SERIES_SPRING_KEYS[0] in joint:
+            self.stiffness = joint[SERIES_SPRING_KEYS[0]] * effects.get("stiffness", {}).get("factor", 1.0)
+            self.stiffening, self.damping = joint[SERIES_SPRING_KEYS[1]], joint["torsional_damping"]
         elif missing := effects.get("missing_compliance"):
             self.stiffness = 1.0 / missing["compliance"]
             link = joint["inertia"] + joint["mass"] * joint["center_of_mass"] ** 2
@@ -219,14 +222,14 @@ class ChainSimulation:
         self.joints = [ChainJoint(joint, own[j + 1], usual[j]) for j, joint in enumerate(true)]
         soft = [joint.stiffness > 0.0 for joint in self.joints]
         load = own[count].get("payload", {}).get("mass", 0.0)
-        self.model = _build_model(true, load, tilt_gravity(ArmWorld(true, own[1:], own[0], GRAVITY)), soft)
+        self.model = _build_model(true, load, tilt_gravity(ArmWorld(true, own[1:], own[0], CHAIN_GRAVITY)), soft)
         self.data = mujoco.MjData(self.model)
         self.drive_dof = [count + sum(soft[:j]) if soft[j] else j for j in range(count)]
         self.soft = soft
         self.every = 1000 // case.rate  # PERIODs per row
         self.hold = self.every if case.commanded else 1000 // CONTROLLER_RATE
         self.ahead = compute_link_torques(
-            nominal, GRAVITY, self.motion.position, self.motion.velocity, self.motion.acceleration
+            nominal, CHAIN_GRAVITY, self.motion.position, self.motion.velocity, self.motion.acceleration
         )
         still, unit = np.zeros((1, count)), np.eye(count)
         mass = np.vstack(
@@ -239,7 +242,7 @@ class ChainSimulation:
             for whole, own, yields in zip(free, armatures, soft, strict=True)
         ]
         frequency = 1000.0 / self.hold
-        self.bandwidth = min(_BANDWIDTH, _BANDWIDTH_SHARE * frequency)
+        self.bandwidth = min(_EFFORT_BANDWIDTH, _EFFORT_BANDWIDTH_SHARE * frequency)
         self.filter = 1.0 - math.exp(-_FILTER_RATIO * self.bandwidth / frequency)
         self._set_rest_state()
 
@@ -279,7 +282,7 @@ class ChainSimulation:
                 self._control_joints(k, read)
             if k % self.every == 0:
                 rows.append((list(self.command), acted, read))
-            for n in range(STEPS_PER_PERIOD):
+            for n in range(CHAIN_STEPS):
                 self._advance_step(k * PERIOD + n * CHAIN_STEP)
         commands, efforts, angles = (np.array(column) for column in zip(*rows, strict=True))
         return commands, efforts, angles
@@ -296,7 +299,7 @@ class ChainSimulation:
             self.speed[j] += self.filter * (rate - self.speed[j])
             error = float(self.motion.position[k, j]) - (angle - self.start[j])
             slip = float(self.motion.velocity[k, j]) - self.speed[j]
-            wanted = self.bandwidth * (self.bandwidth * error + 2.0 * _LOOP_DAMPING * slip)
+            wanted = self.bandwidth * (self.bandwidth * error + 2.0 * _EFFORT_DAMPING * slip)
             self.command[j] = float(self.ahead[k, j]) + self.offset[j] + self.inertia[j] * wanted
 
     def _advance_step(self, time: float) -> None:

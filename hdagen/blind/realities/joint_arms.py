@@ -26,7 +26,7 @@ from hdagen.blind.realities.misstated_numbers import (
 )
 from hdagen.blind.realities.population import Population
 from hdagen.blind.realities.random_streams import draw_log_uniform, purpose_digest, seeded_generator
-from hdagen.blind.realities.rigid_joints import SPRING_KEYS, JointRobot
+from hdagen.blind.realities.rigid_joints import SERIES_SPRING_KEYS, JointRobot
 from hdagen.blind.realities.two_joint_arms import (
     LARGEST_SIZE,
     MOST_DEVIATIONS,
@@ -37,7 +37,7 @@ from hdagen.blind.realities.two_joint_arms import (
 )
 
 CHAIN_RATES = (100, 200, 250, 500, 1000)  # Hz, of logs
-SIZING_SECONDS = 15.0  # s of the log's motion, over which usual torque and speed are taken
+CHAIN_SIZING_SECONDS = 15.0  # s of the log's motion, over which usual torque and speed are taken
 SCATTERED_CHAIN_PARAMETERS = (
     "mass",
     "center_of_mass",
@@ -48,7 +48,7 @@ SCATTERED_CHAIN_PARAMETERS = (
     "flexspline_stiffness",
     "torsional_damping",
 )
-GRAVITY = (0.0, -9.81)  # m/s²
+CHAIN_GRAVITY = (0.0, -9.81)  # m/s²
 _STIFF_RATIO = 1e4  # of the wave generator's spring by the flexspline's: as good as none
 _SPRING_DAMPING = 0.1  # damping ratio of a spring against its link
 
@@ -127,7 +127,7 @@ class JointArmCase:
         for effect, size in JOINT_EFFECTS.items():
             for joint in list_places(size, len(bases)):
                 multiple = truth.get((effect, joint), 0.0 if effect in NEVER_AT_JOINTS else self.background)
-                if multiple and (effect != "stiffness" or SPRING_KEYS[0] in bases[joint - 1]):
+                if multiple and (effect != "stiffness" or SERIES_SPRING_KEYS[0] in bases[joint - 1]):
                     rng = seeded_generator(str(self.seed), effect, joint)
                     found[effect, joint] = size.draw(multiple * size.typical, rng, bases[max(joint, 1) - 1])
         for one in self.truth:
@@ -139,7 +139,7 @@ class JointArmCase:
 
     def _describe_joints(self, seconds: float) -> list[dict[str, float]]:
         """The right file's numbers of each joint with usual torque, usual speed and reach of the log's motion."""
-        joints, motion = self.machine.joints, self.draw_motion("log", SIZING_SECONDS)
+        joints, motion = self.machine.joints, self.draw_motion("log", CHAIN_SIZING_SECONDS)
         torque, speed = find_usual_motion(joints, motion)
         reached = self.draw_motion("log", seconds).position
         return [
@@ -161,7 +161,7 @@ def find_usual_motion(joints: Sequence[Mapping[str, float]], motion: JointMotion
         Torques without friction, N m, and speeds, rad/s, both rms.
 
     """
-    asked = compute_link_torques(joints, GRAVITY, motion.position, motion.velocity, motion.acceleration)
+    asked = compute_link_torques(joints, CHAIN_GRAVITY, motion.position, motion.velocity, motion.acceleration)
     torque, speed = (np.sqrt(np.mean(x**2, axis=0)) for x in (asked, motion.velocity))
     return torque.tolist(), speed.tolist()
 
@@ -208,14 +208,14 @@ def _draw_case(seed: str, population: Population, index: int) -> JointArmCase:
     least = SMALLEST_SIZE_OF_TWO if population.kind == "unknown+one" else SMALLEST_SIZE
     truth = tuple(_draw_effect(effect, count, rng, least) for effect in wanted)
     seed_of_case = int(rng.integers(2**62))
-    motion = draw_joint_motion(seeded_generator(str(seed_of_case), "motion", "log"), speeds, SIZING_SECONDS)
+    motion = draw_joint_motion(seeded_generator(str(seed_of_case), "motion", "log"), speeds, CHAIN_SIZING_SECONDS)
     joints = _draw_chain(rng, count, motion, elastic)
     numbers: tuple[WrongNumber, ...] = ()
     if population.kind == "rough":
         numbers = draw_wrong_numbers(rng, joints, [str(one) for one in truth])
     name = f"chain-{purpose_digest(seed, population.kind, index, 'robot').hex()[:10]}"
     encoder = "motor" if elastic else "joint"
-    robot = JointRobot(name, GRAVITY, tuple(misstate_numbers(joints, numbers)), encoder, False)
+    robot = JointRobot(name, CHAIN_GRAVITY, tuple(misstate_numbers(joints, numbers)), encoder, False)
     folder = purpose_digest(seed, population.kind, index, "name").hex()[:16]
     background = population.size_background(index)
     return JointArmCase(
@@ -297,7 +297,7 @@ def _draw_spring(rng: np.random.Generator, link: Mapping[str, float], torque: fl
         1e-3,
         2.0 * _SPRING_DAMPING * math.sqrt(stiffness * inertia),
     )
-    return {key: round_digits(value) for key, value in zip(SPRING_KEYS, values, strict=True)}
+    return {key: round_digits(value) for key, value in zip(SERIES_SPRING_KEYS, values, strict=True)}
 
 
 def round_digits(value: float, digits: int = 4) -> float:

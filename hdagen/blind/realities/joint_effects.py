@@ -17,7 +17,7 @@ from hdagen.blind.realities.random_streams import draw_log_uniform
 UNKNOWN_SHARE = 0.15  # usual size of a torque that no effect describes, as a share of the usual torque
 UNKNOWN_JOINT_KINDS = ("beat", "detent", "snap", "product")
 _SOFTEST_TORQUE = 50.0  # N m, up to which a missing spring yields in proportion to the joint's usual torque
-_LEAST_FREE_REACH = 0.25  # smallest distance to a wall, as a share of the reach
+_LEAST_FREE_SHARE = 0.25  # smallest distance to a wall, as a share of the reach
 
 
 def _draw_sign(rng: np.random.Generator) -> float:
@@ -71,7 +71,7 @@ def _draw_wall(amount: float, rng: np.random.Generator, base: Mapping[str, float
     side, reach = _draw_sign(rng), {1.0: base["highest"], -1.0: -base["lowest"]}
     if reach[side] <= amount:
         side = -side
-    angle = side * max(reach[side] - amount, _LEAST_FREE_REACH * reach[side])
+    angle = side * max(reach[side] - amount, _LEAST_FREE_SHARE * reach[side])
     stiffness = base["usual_torque"] * draw_log_uniform(rng, 10.0, 40.0)
     return {"angle": angle, "side": side, "stiffness": stiffness, "damping": float(rng.uniform(0.2, 0.6))}
 

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from hdagen.blind.realities.arm_motion import Motion, draw_circle_motion, draw_rich_motion
 from hdagen.blind.realities.arm_world import LARGEST_COMMAND, ArmWorld
 from hdagen.blind.realities.cases import draw_cases
 from hdagen.blind.realities.joint_arms import JointArmCase
@@ -27,6 +26,7 @@ from hdagen.blind.realities.model_arms import ModelCase
 from hdagen.blind.realities.population import MAXWELL, read_population
 from hdagen.blind.realities.rigid_joints import JointCase
 from hdagen.blind.realities.two_joint_arms import ArmCase, TwoJointArm, draw_effect_parameters, draw_true_parameters
+from hdagen.blind.realities.two_joint_motion import Motion, draw_circle_motion, draw_rich_motion
 from hdagen.log.measured_log import write
 
 JointEffects = dict[str, dict[str, float]]  # parameters by effect

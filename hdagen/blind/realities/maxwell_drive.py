@@ -23,9 +23,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-_TABLE_CELLS = 16384  # of the spring table
+_LAW_CELLS = 16384  # of the spring table
 _LAW_LIMIT = 12.0  # c_f τ up to which the spring law holds, as in robot_toml.md
-_SLIP_ELEMENTS = 5  # of presliding
+_GRADED_ELEMENTS = 5  # of presliding
 _THINNING_SPEED = 3000.0  # rad/s, at which viscous friction has half its slope
 _HOUSING_TIME_RATIO = 5.0  # time constant of the housing by that of the film
 _FILM_SHARE = 0.8  # share of the warming that is the film's
@@ -41,12 +41,12 @@ class LawTable:
         kw, cw, ratio = drive["wave_generator_stiffness"], drive["wave_generator_stiffening"], drive["ratio"]
         last = _LAW_LIMIT / c
         # dense where the springs stiffen fastest, near zero torque
-        tau = last * np.linspace(0.0, 1.0, 8 * _TABLE_CELLS) ** 2
+        tau = last * np.linspace(0.0, 1.0, 8 * _LAW_CELLS) ** 2
         phi = np.arctan(c * tau) / (c * k) - np.expm1(-cw * tau / ratio) / (cw * ratio * kw)
         self.end = float(phi[-1])
-        table = np.interp(np.linspace(0.0, self.end, _TABLE_CELLS + 1), phi, tau)
+        table = np.interp(np.linspace(0.0, self.end, _LAW_CELLS + 1), phi, tau)
         self.values: list[float] = table.tolist()
-        self.per_cell = _TABLE_CELLS / self.end
+        self.per_cell = _LAW_CELLS / self.end
         self.end_stiffness = 1.0 / (1.0 / (k * (1.0 + _LAW_LIMIT**2)) + math.exp(-cw * last / ratio) / (ratio**2 * kw))
 
     def read_torque(self, phi: float) -> float:
@@ -61,7 +61,7 @@ class LawTable:
         """
         place = abs(phi) * self.per_cell
         cell = int(place)
-        if cell >= _TABLE_CELLS:
+        if cell >= _LAW_CELLS:
             tau = self.values[-1] + self.end_stiffness * (abs(phi) - self.end)
         else:
             low = self.values[cell]
@@ -94,7 +94,7 @@ class MaxwellDrive:
         self.stribeck, self.load = effects.get("stribeck_friction"), effects.get("load_dependent_friction")
         self.presliding, self.thermal = effects.get("presliding_friction"), effects.get("thermal_friction")
         self.hysteresis, self.loop, self.torsion = effects.get("transmission_hysteresis"), 0.0, math.nan
-        self.slips = [0.0] * _SLIP_ELEMENTS  # rad, extension of each element
+        self.slips = [0.0] * _GRADED_ELEMENTS  # rad, extension of each element
         self.film = self.housing = 0.0  # shares of the temperature that the stated power settles at
         self.heat, self.cold_share = 0.0, 1.0  # J since the last row; share of the cold friction left
 
@@ -240,11 +240,11 @@ class MaxwellDrive:
         """Torque of the slip elements, N m, that a motor moved by an angle, rad; each slides at its own."""
         assert self.presliding is not None
         total = 0.0
-        for k in range(_SLIP_ELEMENTS):
-            most = 2.0 * self.presliding["angle"] * (k + 1) / _SLIP_ELEMENTS
+        for k in range(_GRADED_ELEMENTS):
+            most = 2.0 * self.presliding["angle"] * (k + 1) / _GRADED_ELEMENTS
             self.slips[k] = min(max(self.slips[k] + moved, -most), most)
             total += self.slips[k] / most
-        return level * total / _SLIP_ELEMENTS
+        return level * total / _GRADED_ELEMENTS
 
 
 def _bend_ripple(p: Mapping[str, float], theta: float) -> float:

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from hdagen.blind.realities.arm_motion import PERIOD, Motion
+from hdagen.blind.realities.two_joint_motion import PERIOD, Motion
 
 _MOVE_SECONDS = (0.25, 1.1)  # s, of a move: quick ones reverse hard, slow ones creep
 _PAUSE_SHARE = 0.25  # share of moves after which a joint stands
@@ -19,7 +19,7 @@ _MOST_SPEED = 3.0  # rad/s at a joint, half of a CSG-17's largest speed
 _CHIRP_BAND = (0.8, 22.0)  # Hz
 _CHIRP_ACCELERATION = 12.0  # rad/s², largest of the chirp
 _LARGEST_CHIRP = 0.04  # rad
-_RAMP_SECONDS = 0.4  # s, into the chirp
+_CHIRP_RAMP_SECONDS = 0.4  # s, into the chirp
 
 
 def draw_point_moves(seed: int, seconds: float) -> Motion:
@@ -64,7 +64,7 @@ def _draw_chirp(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     frequency = low * (high / low) ** sweep
     phase = 2.0 * np.pi * np.cumsum(frequency) * PERIOD + rng.uniform(0.0, 2.0 * np.pi)
     amplitude = np.minimum(_CHIRP_ACCELERATION / (2.0 * np.pi * frequency) ** 2, _LARGEST_CHIRP)
-    ramp = np.clip(time / _RAMP_SECONDS, 0.0, 1.0)
+    ramp = np.clip(time / _CHIRP_RAMP_SECONDS, 0.0, 1.0)
     return np.asarray(amplitude * ramp**2 * (3.0 - 2.0 * ramp) * np.sin(phase))
 
 

@@ -17,19 +17,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hdagen.blind.realities.arm_motion import PERIOD, Motion
 from hdagen.blind.realities.arm_world import LARGEST_COMMAND, ArmWorld, tilt_gravity
 from hdagen.blind.realities.log_noise import choose_kept_rows, color_noise
 from hdagen.blind.realities.maxwell_drive import MaxwellDrive
+from hdagen.blind.realities.two_joint_motion import PERIOD, Motion
 
-STEPS_PER_ROW = 50
-STEP = PERIOD / STEPS_PER_ROW  # s
-_BANDWIDTH = 45.0  # rad/s, of the position loop
+MAXWELL_STEPS = 50
+MAXWELL_STEP = PERIOD / MAXWELL_STEPS  # s
+_DRIVE_BANDWIDTH = 45.0  # rad/s, of the position loop
 _INTEGRAL_RATE = 6.0  # 1/s
-_LINK_INERTIA = 0.06  # kg m², that the drive was tuned for
+_TUNED_INERTIA = 0.06  # kg m², that the drive was tuned for
 _SPEED_FILTER = 0.5  # share of a new speed that the drive takes
-_SNAP_SECONDS = 0.02  # s, in which a spring snaps over
-_LARGEST_JITTER = 30e-6  # s, error of a stamp
+_OVERCENTER_SECONDS = 0.02  # s, in which a spring snaps over
+_LARGEST_BUS_JITTER = 30e-6  # s, error of a stamp
 
 
 def simulate_arm(
@@ -57,7 +57,7 @@ def simulate_arm(
         for name in ("motor", "joint"):
             step = joint[f"{name}_encoder_resolution"]
             columns[f"{name}_position_{j}"] = np.round(columns[f"{name}_position_{j}"] / step) * step
-    columns["time"] = motion.time + rng.uniform(-_LARGEST_JITTER, _LARGEST_JITTER, count)
+    columns["time"] = motion.time + rng.uniform(-_LARGEST_BUS_JITTER, _LARGEST_BUS_JITTER, count)
     kept = choose_kept_rows(rng, count)
     return {name: np.ascontiguousarray(column[kept]) for name, column in columns.items()}
 
@@ -67,7 +67,7 @@ class MaxwellSimulation:
 
     def __init__(self, world: ArmWorld, nominal: Sequence[Mapping[str, float]], motion: Motion) -> None:
         self.world, self.motion = world, motion
-        self.drives = [MaxwellDrive(j, e, STEP) for j, e in zip(world.joints, world.effects, strict=True)]
+        self.drives = [MaxwellDrive(j, e, MAXWELL_STEP) for j, e in zip(world.joints, world.effects, strict=True)]
         first, second = world.joints
         load = world.effects[1].get("payload", {}).get("mass", 0.0)
         self.lengths = first["length"], second["length"]
@@ -94,14 +94,14 @@ class MaxwellSimulation:
         self.ratios = [joint["ratio"] for joint in nominal]
         self.gains = []
         for joint in nominal:
-            inertia = joint["motor_inertia"] + _LINK_INERTIA / joint["ratio"] ** 2
-            stiff = inertia * _BANDWIDTH**2 / joint["torque_constant"]
-            self.gains.append((stiff, 1.7 * stiff / _BANDWIDTH, _INTEGRAL_RATE * stiff))
+            inertia = joint["motor_inertia"] + _TUNED_INERTIA / joint["ratio"] ** 2
+            stiff = inertia * _DRIVE_BANDWIDTH**2 / joint["torque_constant"]
+            self.gains.append((stiff, 1.7 * stiff / _DRIVE_BANDWIDTH, _INTEGRAL_RATE * stiff))
         effects = self.world.effects
         self.limits = [e.get("current_saturation", {}).get("limit", math.inf) for e in effects]
-        self.delays = [e.get("command_delay", {}).get("time", 0.0) / STEP for e in effects]
+        self.delays = [e.get("command_delay", {}).get("time", 0.0) / MAXWELL_STEP for e in effects]
         self.lags = [e.get("current_loop_lag", {}).get("time", 0.0) for e in effects]
-        self.late = [e.get("sensor_delay", {}).get("time", 0.0) / STEP for e in effects]
+        self.late = [e.get("sensor_delay", {}).get("time", 0.0) / MAXWELL_STEP for e in effects]
 
     def _set_rest_state(self) -> None:
         """Start at rest at the motion's first point, held by currents and springs."""
@@ -117,7 +117,7 @@ class MaxwellSimulation:
         self.integral = list(self.current)
         self.seen_speed, self.seen = [0.0, 0.0], list(self.theta)
         self.reference = [t - r * x for t, r, x in zip(self.theta, self.ratios, q, strict=True)]
-        rows = 3 + max(math.ceil(steps / STEPS_PER_ROW) for steps in self.delays)
+        rows = 3 + max(math.ceil(steps / MAXWELL_STEPS) for steps in self.delays)
         self.commands = [deque([i] * rows, maxlen=rows) for i in self.current]  # A, the newest first
         self.path = [
             deque([x] * (int(steps) + 2), maxlen=int(steps) + 2) for x, steps in zip(q, self.late, strict=True)
@@ -165,8 +165,8 @@ class MaxwellSimulation:
             self._control_motors(k)
             rows.append([(self.commands[j][0], *shown[j], float(self.motion.position[k, j])) for j in (0, 1)])
             force = self.motion.force[k].tolist()
-            for n in range(STEPS_PER_ROW):
-                self.advance_step(k * PERIOD + n * STEP, n, force)
+            for n in range(MAXWELL_STEPS):
+                self.advance_step(k * PERIOD + n * MAXWELL_STEP, n, force)
             for drive in self.drives:
                 drive.warm_up(PERIOD)
         names = (
@@ -200,7 +200,7 @@ class MaxwellSimulation:
         """The current, A, at the end of a row, before the next command."""
         if self.lags[j]:
             return self.current[j]
-        age = max(math.ceil(self.delays[j] / STEPS_PER_ROW) - 1, 0)
+        age = max(math.ceil(self.delays[j] / MAXWELL_STEPS) - 1, 0)
         return min(max(self.commands[j][age], -self.limits[j]), self.limits[j])
 
     def _step_current(self, j: int, n: int) -> float:
@@ -208,15 +208,15 @@ class MaxwellSimulation:
         command, limit, delay = self.commands[j], self.limits[j], self.delays[j]
         if delay:
             early, late = n - delay, n + 1 - delay
-            old, new = command[-math.floor(early / STEPS_PER_ROW)], command[max(-math.floor(late / STEPS_PER_ROW), 0)]
-            share = late % STEPS_PER_ROW if old != new else 1.0
+            old, new = command[-math.floor(early / MAXWELL_STEPS)], command[max(-math.floor(late / MAXWELL_STEPS), 0)]
+            share = late % MAXWELL_STEPS if old != new else 1.0
             asked = old + min(share, 1.0) * (new - old)
         else:
             asked = command[0]
         asked = min(max(asked, -limit), limit)
         if not self.lags[j]:
             return asked
-        keep = math.exp(-0.5 * STEP / self.lags[j])
+        keep = math.exp(-0.5 * MAXWELL_STEP / self.lags[j])
         middle = asked + (self.current[j] - asked) * keep
         self.current[j] = asked + (middle - asked) * keep
         return middle
@@ -230,7 +230,7 @@ class MaxwellSimulation:
             force: on the tip, N.
 
         """
-        h, half = STEP, 0.5 * STEP
+        h, half = MAXWELL_STEP, 0.5 * MAXWELL_STEP
         q, v, theta, omega, rates = self.q, self.v, self.theta, self.omega, self.rates
         alpha_dot, beta_dot = v[0], v[0] + v[1]
         alpha, beta = q[0] + half * alpha_dot, q[0] + q[1] + half * beta_dot
@@ -262,7 +262,7 @@ class MaxwellSimulation:
         self, alpha: float, beta: float, va: float, vb: float, taus: Sequence[float], force: Sequence[float]
     ) -> None:
         """Advance the links by a step from its middle."""
-        h, half, rates = STEP, 0.5 * STEP, self.rates
+        h, half, rates = MAXWELL_STEP, 0.5 * MAXWELL_STEP, self.rates
         cosine, sine = math.cos(beta - alpha), math.sin(beta - alpha)
         pull_a, pull_b = self.gravity_torques(alpha, beta)
         b = self.coupling * cosine
@@ -308,7 +308,7 @@ class MaxwellSimulation:
         if kind == 2:  # a spring that snaps over, on to one side and back at another angle
             if abs(q) > p["play"]:
                 self.side[j] = math.copysign(1.0, q)
-            self.memory[j] += (self.side[j] - self.memory[j]) * STEP / _SNAP_SECONDS
+            self.memory[j] += (self.side[j] - self.memory[j]) * MAXWELL_STEP / _OVERCENTER_SECONDS
             return size * self.memory[j]
         turn = p["order"] * q + p["phase"]  # teeth of a saw, rounded, that lean the way the other joint stands
         return size * math.sin(turn + 0.6 * math.sin(turn)) * math.cos(2.0 * other)

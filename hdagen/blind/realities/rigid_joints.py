@@ -25,7 +25,7 @@ TOLERANCE = 0.05  # relative standard deviation that the robot file states
 MOST_DEVIATIONS = 2.5  # largest deviation of a true parameter, in standard deviations
 SCATTERED_JOINT_PARAMETERS = ("mass", "center_of_mass", "inertia", "motor_inertia", "torque_constant")
 FRICTION_EFFECTS = ("coulomb_friction", "viscous_friction")
-SPRING_KEYS = (  # of a joint that is not rigid
+SERIES_SPRING_KEYS = (  # of a joint that is not rigid
     "flexspline_stiffness",
     "flexspline_stiffening",
     "wave_generator_stiffness",
@@ -111,8 +111,8 @@ class JointRobot:
         for joint in self.joints:
             table = tomlkit.table()
             table.update({key: joint[key] for key in ("length", "mass", "center_of_mass", "inertia")})
-            table["drive"] = {key: joint[key] for key in (*drive, *SPRING_KEYS) if key in joint}
-            if SPRING_KEYS[0] not in joint:
+            table["drive"] = {key: joint[key] for key in (*drive, *SERIES_SPRING_KEYS) if key in joint}
+            if SERIES_SPRING_KEYS[0] not in joint:
                 table["drive"]["rigid"] = True
             table["sensor"] = {
                 f"{self.encoder}_encoder_resolution": joint["resolution"],
