@@ -174,7 +174,8 @@ def _connect_to_address(asked: ClusterRequest, say: Callable[[str], None]) -> It
             say(f"dashboard, where bokeh is installed beside the scheduler: {client.dashboard_link}")
         yield client
     finally:
-        client.close(timeout=5)
+        with suppress(OSError, RuntimeError):  # its scheduler is lost
+            client.close(timeout=5)
 
 
 def _shorten_reason(error: BaseException) -> str:
