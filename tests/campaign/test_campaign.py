@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 import trivial_tasks as trivial
 from distributed.client import ClosedClientError
-from distributed.comm import CommClosedError
+from distributed.comm.core import CommClosedError
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.campaign import worker_admission
