@@ -68,9 +68,7 @@ def closed_loops(
     q0 = find_start(arm, reference, start)
     rows = controller.rows(convert_to_law_space(controller, reference, q0))
     push = sum_push_forces(pushes, reference.time, arm.nu - arm.n)
-    felt = push.copy()
-    forces = min(push.shape[1], 3)  # a moment is measured without noise
-    felt[:, :forces] += np.random.default_rng(seed).normal(size=(len(push), forces)) * scheme.force_noise
+    felt = _measure_force(push, seed, scheme.force_noise)
     period = controller.guard.period
     steps = arm.count_steps(period)
     limits = np.concatenate(controller.torque_limits())
@@ -93,6 +91,13 @@ def _check_lanes(arm: Arm, controller: Controller, delay: int) -> None:
         )
     if delay > MOST_DELAY_TICKS:
         raise PlantError(f"a delay of {delay} ticks is more than closed loops in lanes take, {MOST_DELAY_TICKS}.")
+
+
+def _measure_force(push: Array, seed: int, noise: float) -> Array:
+    """The force sensor's reading; a moment is measured without noise."""
+    felt, forces = push.copy(), min(push.shape[1], 3)
+    felt[:, :forces] += np.random.default_rng(seed).normal(size=(len(push), forces)) * noise
+    return felt
 
 
 def _tabulate_gains(controller: Controller, gains: Mapping[str, ArrayLike]) -> Array:

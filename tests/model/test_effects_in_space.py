@@ -23,7 +23,7 @@ from gen.effects import ALL, NOMINAL
 from gen.effects.effect import Effect
 from gen.model import harmonic_drive, mechanics
 from gen.model.arm_model import Model
-from gen.model.arm_motion import ArmMotion
+from gen.model.equations_of_motion import ArmMotion
 from gen.model.right_hand_side import assemble_graphs
 from gen.robot.description import RobotError
 from gen.robot.load_robot import from_table
