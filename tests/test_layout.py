@@ -421,7 +421,7 @@ NO_SETTINGS = {  # module-level numbers of the diagnosis and of predictions that
     "_MOST_FILTER_SAMPLES": "limit of a file's value",
     "WORKSPACE_BYTES": "limit of memory",
 }
-ONE_A_FILE = {"EFFECT", "LOGGER"}  # by design: every effect's file, and every file that logs, has its own
+ONE_A_FILE = {"EFFECT", "LOGGER", "PLANE_FORM"}  # by design: each effect's file, and each that logs, has its own
 
 
 def assigned_constants(path: Path) -> Iterator[tuple[str, ast.expr]]:

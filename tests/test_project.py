@@ -127,7 +127,7 @@ def test_ci_runs_the_readme_s_commands_then_lint_types_and_the_wheel(tmp_path: P
         "ruff check",
         "ruff format --check",
         "clang-format --dry-run --Werror gen/templates/*.[ch] gen/templates/*/*.[ch]",
-        "mypy --num-workers 2",
+        "mypy ",
         "python -m pip",
         "python -c ",
         "python -m pip",
@@ -154,7 +154,7 @@ def test_ci_fails_and_says_so_where_a_later_step_fails_or_the_checkout_is_dirtie
     assert code == 1
     assert said[said.rindex("failed after") :].split("\n")[1:] == ["  false", "  git status", ""]
     assert "?? left-behind" in said
-    assert "mypy --num-workers 2" in calls
+    assert "mypy " in calls
 
 
 def test_ci_leaves_an_active_environment_of_another_python_alone(tmp_path: Path) -> None:

@@ -39,29 +39,28 @@ def emit_function(f: ca.Function, name: str) -> tuple[str, list[str]]:
     lines = emit_body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
     computed = [line for line in lines if line.startswith("const ")]
     stored = [line for line in lines if not line.startswith("const ")]
-    definitions = [found.groups() for line in computed if (found := DEFINITION.fullmatch(line))]
-    again = {value: text for value, text in definitions if not VALUE.search(text) and "(" not in text}
+    definitions = [(found[1], found[2]) for line in computed if (found := DEFINITION.fullmatch(line))]
+    late = set(VALUE.findall(" ".join(stored[LONGEST_PART:])))  # read when results may lie where inputs were
+    again = {value: text for value, text in definitions if not (VALUE.search(text) or "(" in text or value in late)}
     steps = [pair for pair in definitions if pair[0] not in again]
-    blocks = [steps[k : k + LONGEST_PART] for k in range(0, len(steps), LONGEST_PART)]
-    texts = [[text for _, text in block] for block in blocks[:-1]]
-    texts.append([text for _, text in blocks[-1]] + stored)
-    reads = [dict.fromkeys(value for text in block for value in VALUE.findall(text)) for block in texts]
-    places, size = _assign_places(blocks, reads)
-    ins = ", ".join(f"const double *{f.name_in(k)}" for k in range(f.n_in()))
-    outs = ", ".join(f"double *{f.name_out(k)}" for k in range(f.n_out()))
-    given = ", ".join(f.name_in(k) for k in range(f.n_in()))
+    blocks = [(steps[k : k + LONGEST_PART], list[str]()) for k in range(0, len(steps), LONGEST_PART)]
+    blocks[-1] = (blocks[-1][0], stored[:LONGEST_PART])  # everything is read before anything is written
+    blocks += [([], stored[k : k + LONGEST_PART]) for k in range(LONGEST_PART, len(stored), LONGEST_PART)]
+    reads = []
+    for block, stores in blocks:
+        texts = [text for _, text in block] + stores
+        reads.append(dict.fromkeys(value for text in texts for value in VALUE.findall(text)))
+    places, size = _assign_places([block for block, _ in blocks], reads)
     parts, heads, calls = [], [], []
-    for k, block in enumerate(blocks):
-        is_last = k == len(blocks) - 1
-        head = f"void hda_{name}_{k + 1}({ins}, double *w{f', {outs}' if is_last else ''})"
-        body = _print_part(block, list(reads[k]), again, places)
-        if is_last:
-            body += stored
+    for k, (block, stores) in enumerate(blocks, 1):
+        names = [*map(f.name_in, range(f.n_in())), "w", *map(f.name_out, range(f.n_out() if stores else 0))]
+        kinds = ["const double *"] * f.n_in() + ["double *"] * (len(names) - f.n_in())
+        head = f"void hda_{name}_{k}({', '.join(map(''.join, zip(kinds, names, strict=True)))})"
+        body = _print_part(block, list(reads[k - 1]), again, places) + stores
         unused = [f"(void){argument};" for argument in list_unused_inputs(f, " ".join(body))]
         parts.append(f"{head};\n\n{head} {{\n" + "".join(f"    {line}\n" for line in unused + body) + "}\n")
         heads.append(f"{head};\n")
-        results = ", ".join(f.name_out(i) for i in range(f.n_out()))
-        calls.append(f"    hda_{name}_{k + 1}({given}, w{f', {results}' if is_last else ''});\n")
+        calls.append(f"    hda_{name}_{k}({', '.join(names)});\n")
     whole = f"{''.join(heads)}\n{c_signature(f, name)} {{\n    double w[{size}];\n{''.join(calls)}}}\n"
     return whole, parts
 

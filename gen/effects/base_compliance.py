@@ -11,10 +11,12 @@ from typing import Any
 from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
-FREQUENCY = Parameter(
+BASE_FREQUENCY = Parameter(
     "base_frequency", "rad/s", 200.0, 20.0, 1000.0, "of the base under the arm", starts=(200.0, 80.0, 400.0)
 )
-DAMPING = Parameter("base_damping", "1", 0.05, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.05, 0.2))
+BASE_DAMPING = Parameter(
+    "base_damping", "1", 0.05, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.05, 0.2)
+)
 
 
 def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
@@ -44,8 +46,8 @@ PLANE_FORM = Effect(
         Parameter(
             "base_compliance", "rad/(N m)", 0.0, 0.0, 0.001, "turn of the base by the torque of joint 1", typical=2e-05
         ),
-        FREQUENCY,
-        DAMPING,
+        BASE_FREQUENCY,
+        BASE_DAMPING,
     ),
     amplitudes=("base_compliance",),
     equation=compute_torque,
@@ -69,8 +71,8 @@ EFFECT = replace(
         port=Port.STAND,
         parameters=(
             replace(PLANE_FORM.parameters[0], meaning="turn of the base by the arm's moment about each of its axes"),
-            FREQUENCY,
-            DAMPING,
+            BASE_FREQUENCY,
+            BASE_DAMPING,
         ),
         equation=compute_stand,
         states=(

@@ -12,10 +12,12 @@ from typing import Any
 from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
-FREQUENCY = Parameter(
+LINK_FREQUENCY = Parameter(
     "link_frequency", "rad/s", 150.0, 20.0, 1200.0, "of the link with its joint held", starts=(150.0, 60.0, 350.0)
 )
-DAMPING = Parameter("link_damping", "1", 0.02, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.02, 0.1))
+LINK_DAMPING = Parameter(
+    "link_damping", "1", 0.02, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.02, 0.1)
+)
 
 
 def compute_torque(s: Signals, p: Mapping[str, Any]) -> Any:
@@ -44,8 +46,8 @@ PLANE_FORM = Effect(
     port=Port.LINK,
     parameters=(
         Parameter("link_share", "1", 0.0, 0.0, 5.0, "inertia of the oscillator by that of the link", typical=0.2),
-        FREQUENCY,
-        DAMPING,
+        LINK_FREQUENCY,
+        LINK_DAMPING,
     ),
     amplitudes=("link_share",),
     equation=compute_torque,
@@ -77,8 +79,8 @@ EFFECT = replace(
                 typical=0.2,
                 scale="carried_inertia",
             ),
-            FREQUENCY,
-            DAMPING,
+            LINK_FREQUENCY,
+            LINK_DAMPING,
         ),
         amplitudes=("bending_inertia",),
         equation=compute_torque_in_space,

@@ -25,7 +25,7 @@ LINK_PARAMETERS = ("M", "MX", "MY", "MZ", "XX", "YY", "ZZ", "XY", "XZ", "YZ")
 STATES_PER_JOINT = 12  # random ones: several times as many torques as parameters
 SPEED, ACCELERATION = 3.0, 10.0  # of the random states, rad/s and rad/s²
 INDEPENDENCE = 1e-8  # of a column, from which its part across the others is more than rounding
-ROUNDING = 1e-7  # of a coefficient
+RANK_ROUNDING = 1e-7  # of a coefficient
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class _FreeBodies(ChainDynamics):
         for j, link in enumerate(self.links):
             mass, x, y, z, *inertia = ca.vertsplit(self.bodies[10 * j : 10 * j + 10])
             moment = multiply_matrix(link.turn, (x, y, z))
-            found.append(Body(mass, moment, rotate_inertia(link.turn, tuple(inertia))))  # type: ignore[arg-type]
+            found.append(Body(mass, moment, rotate_inertia(link.turn, tuple(inertia))))
         return found
 
 
@@ -73,26 +73,26 @@ def find_base_parameters(chain: ChainDynamics, values: Mapping[str, float]) -> t
     unseen = sizes <= INDEPENDENCE * sizes.max()
     kept: list[int] = []
     basis = np.zeros((regressor.shape[0], 0))
-    for k in np.flatnonzero(~unseen):
+    for k in map(int, np.flatnonzero(~unseen)):
         rest = regressor[:, k] / sizes[k]
         for _ in range(2):  # once more for what rounding leaves
             rest = rest - basis @ (basis.T @ rest)
         if np.linalg.norm(rest) > INDEPENDENCE:
-            kept.append(int(k))
+            kept.append(k)
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
     added = [int(k) for k in np.flatnonzero(~unseen) if k not in kept]
     shares = np.linalg.lstsq(regressor[:, kept], regressor[:, added], rcond=None)[0]
     found = []
-    for row, k in enumerate(kept):
+    for row, first in enumerate(kept):
         others = [(names[other], _clean(shares[row, column])) for column, other in enumerate(added)]
-        found.append(BaseParameter(names[k], tuple((name, share) for name, share in others if share)))
+        found.append(BaseParameter(names[first], tuple((name, share) for name, share in others if share)))
     return found, [names[k] for k in np.flatnonzero(unseen)]
 
 
 def _clean(value: float) -> float:
     """A coefficient without what only rounding keeps from a whole number."""
     near = float(round(value))
-    return near if abs(value - near) < ROUNDING else float(value)
+    return near if abs(value - near) < RANK_ROUNDING else float(value)
 
 
 def evaluate_regressor(chain: ChainDynamics, values: Mapping[str, float]) -> np.ndarray:

@@ -10,10 +10,10 @@ import casadi as ca
 from gen.effects.effect import Port, Signals
 from gen.model import harmonic_drive
 from gen.model.arm_model import Model
-from gen.model.arm_motion import ArmMotion
 from gen.model.carried_rotors import CarriedRotor
 from gen.model.drive_equations import DriveOutputs, keep_friction_positive
 from gen.model.emitted_function import EmittedFunction, make_dense_function
+from gen.model.equations_of_motion import ArmMotion
 
 SX = ca.SX
 

@@ -11,9 +11,9 @@ import casadi as ca
 from gen.effects.effect import Port
 from gen.model import harmonic_drive, input_effects, mechanics
 from gen.model.arm_model import Model
-from gen.model.arm_motion import ArmMotion
 from gen.model.drive_equations import DriveOutputs
 from gen.model.emitted_function import EmittedFunction, make_dense_function
+from gen.model.equations_of_motion import ArmMotion
 
 SX = ca.SX
 DRIVE_PORTS = {  # ports whose effects stand in the graph of one drive

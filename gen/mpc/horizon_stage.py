@@ -19,8 +19,8 @@ import casadi as ca
 
 from gen.model import harmonic_drive
 from gen.model.arm_model import Model
-from gen.model.arm_motion import ArmMotion
 from gen.model.emitted_function import make_dense_function
+from gen.model.equations_of_motion import ArmMotion
 from gen.model.right_hand_side import hoist_constants
 from gen.mpc.problem_structure import Structure
 

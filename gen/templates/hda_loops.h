@@ -45,9 +45,9 @@ HDA_API int hda_loops_width(void);
 HDA_API int hda_loops_begin(hda_loops *loops, int law, const double *x0, const double *gains, const double *settings,
                             const double *c);
 
-/* One tick: `push` (2) acts on the tip, `felt` (2) is what the force sensor says of it, `noise` (2 HDA_N) is added to
+/* One tick: `push` (HDA_WRENCH) acts on the tip, `felt` is what its sensor says of it, `noise` (2 HDA_N) is added to
  * what the encoders of motors and joints see before they count; c of the arm, `known` that of the controller's model.
- * Writes the tip at the tick's instant (width, 2) and the torques sent (width, HDA_N). */
+ * Writes the tip at the tick's instant (width, HDA_TIP) and the torques sent (width, HDA_N). */
 HDA_API void hda_loops_tick(hda_loops *loops, const double *reference, const double *push, const double *felt,
                             const double *noise, const double *c, const double *known, double *tip, double *sent);
 

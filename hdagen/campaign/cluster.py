@@ -117,6 +117,7 @@ def _connect(asked: ClusterRequest, say: Callable[[str], None]) -> Iterator[tupl
         silence_logs=logging.CRITICAL + 1,
         scheduler_sync_interval=3600,  # s
     )
+    assert cluster.scheduler is not None
     for name in _UNUSED_CHECKS:
         cluster.scheduler.periodic_callbacks[name].callback_time = 60_000  # ms
     try:
@@ -173,7 +174,8 @@ def _connect_to_address(asked: ClusterRequest, say: Callable[[str], None]) -> It
             say(f"dashboard, where bokeh is installed beside the scheduler: {client.dashboard_link}")
         yield client
     finally:
-        client.close(timeout=5)
+        with suppress(OSError, RuntimeError):  # its scheduler is lost
+            client.close(timeout=5)
 
 
 def _shorten_reason(error: BaseException) -> str:

@@ -6,7 +6,7 @@ import queue
 import time
 import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -139,14 +139,10 @@ class DaskRunner:
 
     def _check_cluster(self) -> None:
         """Look for workers. Raises PlantError where none can take tasks."""
-        from distributed.comm.core import CommClosedError
-
         if self._client.status != "running":  # a scheduler that comes back has forgotten the tasks
             raise self._explain_loss()
-        try:
+        with self._explain_errors():
             self._admission.look_for_workers()
-        except (OSError, CommClosedError) as error:
-            raise self._explain_loss() from error
         if self._admission.admitted:
             self._lonely_since = 0.0
             return
@@ -159,6 +155,16 @@ class DaskRunner:
             self._say("the cluster has no worker at the moment; waiting for one.")
         if now - self._lonely_since > _LONGEST_WAIT_FOR_WORKERS:
             raise PlantError(f"the cluster had no worker for {_LONGEST_WAIT_FOR_WORKERS:g} s; start some.")
+
+    @contextmanager
+    def _explain_errors(self) -> Iterator[None]:
+        """Turn whatever a call of the client raises once the scheduler is lost into PlantError."""
+        try:
+            yield
+        except Exception as error:
+            if isinstance(error, OSError) or self._client.status != "running":
+                raise self._explain_loss() from error
+            raise
 
     def _explain_loss(self) -> PlantError:
         return PlantError(
@@ -173,8 +179,9 @@ class DaskRunner:
             return payload
         self._count += 1
         attempt.deadline = time.monotonic() + attempt.task.longest_seconds
-        key = f"hdagen-{self._run}-{self._count}"
-        future = self._client.submit(execute_on_worker, payload, key=key, workers=[attempt.worker], pure=False)
+        key = (f"hdagen-{self._run}", self._count)  # one group of tasks: the scheduler remembers every group
+        with self._explain_errors():
+            future = self._client.submit(execute_on_worker, payload, key=key, workers=[attempt.worker], pure=False)
         self._waiting[future] = attempt
         future.add_done_callback(self._ended.put)
         return None
@@ -185,7 +192,8 @@ class DaskRunner:
             if not self._admission.is_lost(attempt.worker):
                 continue
             del self._waiting[future]
-            future.cancel(force=True)
+            with self._explain_errors():
+                future.cancel(force=True)
             attempt.kills += 1
             if attempt.kills < MOST_KILLED_WORKERS:
                 self._again.append(attempt)
@@ -221,6 +229,8 @@ class DaskRunner:
         except CancelledError:
             raise self._explain_loss() from None
         except Exception as error:
+            if self._client.status != "running":
+                raise self._explain_loss() from error
             if "deserialization" in str(error):
                 raise PlantError(
                     "the scheduler cannot read tasks; install the same hdagen beside it, as on the workers."
@@ -264,15 +274,18 @@ class DaskRunner:
             if now < attempt.deadline:
                 continue
             del self._waiting[future]
-            future.cancel(force=True)
-            self._client.run(end_process, workers=[attempt.worker], wait=False)
+            with self._explain_errors():
+                future.cancel(force=True)
+                self._client.run(end_process, workers=[attempt.worker], wait=False)
             said = f"it was stopped after {attempt.task.longest_seconds:g} s."
             yield attempt, Outcome(Status.FAILED, messages=(said,), seconds=attempt.task.longest_seconds)
 
     def cancel_all(self) -> None:
         """Take back what was sent and has not ended."""
+        from distributed.client import ClosedClientError
+
         for future in self._waiting:
-            with suppress(OSError):
+            with suppress(OSError, RuntimeError, ClosedClientError):  # the scheduler is lost
                 future.cancel(force=True)
         self._waiting.clear()
 

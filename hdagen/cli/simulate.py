@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 SIMULATE_EXAMPLE = """example:
   hdagen simulate paper --controller admittance_cartesian --push 3 4 15 0 --push 6 7 0 15 --gain stiffness_x=800 --out
   circle.parquet
-  hdagen simulate arm_in_space.toml --path lissajous --radius 0.1 --push 3 4 0 0 -15 --push 6 7 0 0 0 0 2 0"""
+  hdagen simulate panda --path lissajous --radius 0.1 --push 3 4 0 0 -15 --push 6 7 0 0 0 0 2 0"""
 
 CONTROLLERS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint", "mpc")
 

@@ -46,12 +46,12 @@ def patch_urdf(path: Path, out: Path, before: RobotNumbers, after: RobotNumbers)
     left_out |= {place: f"{why}." for place, why in found.left_out.items()}
     for change in found.bodies:
         patch_urdf_link(text, _find_link(text, elements[change.joint]), change)
-    for change_ in changes:
-        place, _, key = change_.where.rpartition(".")
-        if is_link_number(change_.where):
+    for number in changes:
+        place, _, key = number.where.rpartition(".")
+        if is_link_number(number.where):
             continue
         if key not in _DYNAMICS:
-            left_out[change_.where] = NO_PLACE
+            left_out[number.where] = NO_PLACE
             continue
         pair = next((old, new) for old, new in zip(before.joints, after.joints, strict=True) if new.name == place)
         _patch_dynamics(text, elements[place], *pair, key)

@@ -14,8 +14,8 @@ from hdagen.pages.frame import LAYOUTS, WIDE, Layout, draw_text, group_in_color
 from hdagen.pages.markup import build_element
 from hdagen.pages.plot import build_path_data
 
-MOST_FRAMES = 600  # that travel with the page; the script interpolates between them
-STILL_POSES = 5  # in the still picture
+MOST_SPACE_FRAMES = 600  # that travel with the page; the script interpolates between them
+STILL_SPACE_POSES = 5  # in the still picture
 CAMERA = (-1.0, 0.35)  # turn about the vertical and tilt down, rad
 FLOOR_LINES = 9  # each way
 WIDE_HEIGHT = 420.0  # px
@@ -97,7 +97,7 @@ def animate_arm_in_space(
     rows = np.flatnonzero(np.isfinite(places).all(axis=(1, 2)))
     if not rows.size:
         raise ValueError(f"animation {title!r}: no sample is finite; give one")
-    rows = rows[np.unique(np.linspace(0, rows.size - 1, min(rows.size, MOST_FRAMES)).round().astype(int))]
+    rows = rows[np.unique(np.linspace(0, rows.size - 1, min(rows.size, MOST_SPACE_FRAMES)).round().astype(int))]
     scene = _build_scene(places[rows] @ _turn_upright(np.asarray(up, float)).T, tuple(names), tuple(marked))
     middle, radius = _find_extent(scene)
     words = f"{title}: {', '.join(scene.names)}, with the path of the last"
@@ -150,7 +150,7 @@ def _draw_layout(layout: Layout, words: str, scene: _Scene, middle: Array, radiu
     camera = _Camera(*CAMERA, middle, 0.5 * min(layout.width, 1.25 * height) / radius, layout.width, height)
     last = len(scene.floor_lines)
     floor = [_draw_still(camera, line, at, 0.8, 0.28) for at, line in enumerate(scene.floor_lines)]
-    shown = np.unique(np.linspace(0, len(scene.points) - 1, STILL_POSES).round().astype(int)).tolist()
+    shown = np.unique(np.linspace(0, len(scene.points) - 1, STILL_SPACE_POSES).round().astype(int)).tolist()
     poses = "".join(_draw_pose(camera, scene.points[at], 0.15) for at in shown[1:])
     view = build_element(
         "g",

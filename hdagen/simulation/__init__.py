@@ -9,14 +9,14 @@ from hdagen.support.lazy_names import lazy_names
 if TYPE_CHECKING:
     from hdagen.simulation.batch_closed_loop import closed_loops
     from hdagen.simulation.simulated_sensors import Sensors
-    from hdagen.simulation.simulator import Push, Simulation, run, simulate
+    from hdagen.simulation.simulator import Push, Simulation, SpacePush, run, simulate
 
-__all__ = ["Push", "Sensors", "Simulation", "closed_loops", "run", "simulate"]
+__all__ = ["Push", "Sensors", "Simulation", "SpacePush", "closed_loops", "run", "simulate"]
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "batch_closed_loop": ("closed_loops",),
         "simulated_sensors": ("Sensors",),
-        "simulator": ("Push", "Simulation", "run", "simulate"),
+        "simulator": ("Push", "Simulation", "SpacePush", "run", "simulate"),
     },
 )

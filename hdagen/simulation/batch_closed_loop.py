@@ -21,11 +21,11 @@ from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.control.guarded_controller import Controller, convert_to_law_space
 from hdagen.control.reference_motion import Reference
 from hdagen.simulation.simulated_sensors import Sensors, resolve_sensor_errors
-from hdagen.simulation.simulator import Push, find_start, sum_push_forces
+from hdagen.simulation.simulator import Push, SpacePush, find_start, sum_push_forces
 from hdagen.support.messages import join_nearest_names
 
 MOST_DELAY_TICKS = 16  # ticks of delay at most, by the compiled library
-Criterion = Callable[[Array, Array], Array]  # tip (T, W, 2, m) and torques sent (T, W, n, N m) -> (W, k)
+Criterion = Callable[[Array, Array], Array]  # tip (T, W, 2 or 3, m) and torques sent (T, W, n, N m) -> (W, k)
 
 
 def closed_loops(
@@ -34,7 +34,7 @@ def closed_loops(
     reference: Reference,
     gains: Mapping[str, ArrayLike],
     judge: Criterion,
-    pushes: Sequence[Push] = (),
+    pushes: Sequence[Push | SpacePush] = (),
     sensors: Sensors | None = None,
     seed: int = 0,
     start: ArrayLike | None = None,
@@ -47,8 +47,8 @@ def closed_loops(
         controller: Its law, guard, model of the arm, and the gains that do not vary.
         reference: The motion that it follows.
         gains: (B,) each, by name: the gains that vary.
-        judge: Called with tips (T, W, 2, m) and torques sent (T, W, n, N m) of W sets at once, from several threads;
-            returns (W, k).
+        judge: Called with tips (T, W, 2 or in space 3, m) and torques sent (T, W, n, N m) of W sets at once, from
+            several threads; returns (W, k).
         pushes: Forces on the tip.
         sensors: The sensors' errors; None: from the robot file.
         seed: The seed of all noise, from 0.
@@ -63,20 +63,12 @@ def closed_loops(
 
     """
     table = _tabulate_gains(controller, gains)
-    if controller.arm.folder != arm.folder:
-        raise PlantError(
-            f"the controller's model is of another build, {controller.arm.folder.name}, than the arm, "
-            f"{arm.folder.name}; closed loops in lanes take one, with other parameters where they differ."
-        )
     scheme = resolve_sensor_errors(arm, sensors or Sensors())
-    if scheme.delay > MOST_DELAY_TICKS:
-        raise PlantError(
-            f"a delay of {scheme.delay} ticks is more than closed loops in lanes take, {MOST_DELAY_TICKS}."
-        )
+    _check_lanes(arm, controller, scheme.delay)
     q0 = find_start(arm, reference, start)
     rows = controller.rows(convert_to_law_space(controller, reference, q0))
-    push = sum_push_forces(pushes, reference.time)
-    felt = push + np.random.default_rng(seed).normal(size=push.shape) * scheme.force_noise
+    push = sum_push_forces(pushes, reference.time, arm.nu - arm.n)
+    felt = _measure_force(push, seed, scheme.force_noise)
     period = controller.guard.period
     steps = arm.count_steps(period)
     limits = np.concatenate(controller.torque_limits())
@@ -88,6 +80,24 @@ def closed_loops(
     with ThreadPoolExecutor(threads) as pool:
         found = list(pool.map(lambda first: judge(*group.run(table[first : first + width])), firsts))
     return np.concatenate(found)
+
+
+def _check_lanes(arm: Arm, controller: Controller, delay: int) -> None:
+    """Refuse a controller of another build, and a delay (ticks) that lanes do not hold."""
+    if controller.arm.folder != arm.folder:
+        raise PlantError(
+            f"the controller's model is of another build, {controller.arm.folder.name}, than the arm, "
+            f"{arm.folder.name}; closed loops in lanes take one, with other parameters where they differ."
+        )
+    if delay > MOST_DELAY_TICKS:
+        raise PlantError(f"a delay of {delay} ticks is more than closed loops in lanes take, {MOST_DELAY_TICKS}.")
+
+
+def _measure_force(push: Array, seed: int, noise: float) -> Array:
+    """The force sensor's reading; a moment is measured without noise."""
+    felt, forces = push.copy(), min(push.shape[1], 3)
+    felt[:, :forces] += np.random.default_rng(seed).normal(size=(len(push), forces)) * noise
+    return felt
 
 
 def _tabulate_gains(controller: Controller, gains: Mapping[str, ArrayLike]) -> Array:
@@ -129,14 +139,15 @@ class _LaneGroup:
         self.arm, self.number, self.x0, self.settings = arm, controller.number, x0, settings
         module = arm.module
         self.controller_constants = controller.arm.c.copy()
-        self.disturbances = world  # push (T, 2), the force sensor's reading of it (T, 2), noise of the encoders (T, 2n)
-        self.lane_count = module.length("loops_tick", "tip") // 2
+        self.disturbances = world  # push (T, w), the force sensor's reading of it (T, w), noise of the encoders (T, 2n)
+        self.tip_size = 3 if arm.moves_in_space else 2
+        self.lane_count = module.length("loops_tick", "tip") // self.tip_size
         self.gain_count = module.length("loops_begin", "gains") // self.lane_count
         self.reference_rows = np.zeros((len(rows), module.length("loops_tick", "reference")))
         self.reference_rows[:, : rows.shape[1]] = rows
 
     def run(self, table: Array) -> tuple[Array, Array]:
-        """Tip (T, W, 2) and torques sent (T, W, n) of the sets in ``table`` (W, gains)."""
+        """Tip (T, W, 2 or 3) and torques sent (T, W, n) of the sets in ``table`` (W, gains)."""
         module, count = self.arm.module, len(self.reference_rows)
         context = np.zeros(module.length("loops_tick", "loops"), np.uint8)
         own = np.zeros((self.lane_count, self.gain_count))
@@ -145,7 +156,8 @@ class _LaneGroup:
         begin = (context, law, self.x0, own.ravel(), self.settings, self.arm.c, status)
         module.bind("loops_begin", *begin).run()
         assert status[0] == 0
-        tip, sent = np.empty((count, self.lane_count, 2)), np.empty((count, self.lane_count, self.arm.n))
+        tip = np.empty((count, self.lane_count, self.tip_size))
+        sent = np.empty((count, self.lane_count, self.arm.n))
         module.map(
             "loops_tick",
             count,

@@ -24,7 +24,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from stub_compiler import stub_compiler
 
-from gen.c_code import function_parts
 from gen.c_code.emitter import (
     BINARY_OPERATORS,
     C_FUNCTIONS,
@@ -239,26 +238,6 @@ def test_every_operation_has_the_interpreters_meaning_at_special_numbers(tmp_pat
     free = np.array([[op in (ca.OP_FMIN, ca.OP_FMAX) for op in order]])  # C leaves open which zero they return
     wrong = np.argwhere((bits(expected) != bits(found)) & ~(zeros & free))
     assert wrong.size == 0, [(pairs[row], column) for row, column in wrong[:5]]
-
-
-def test_a_function_in_parts_has_the_interpreters_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parts of 50 statements, whose inputs lie where the results go."""
-    f = next(one.graph for one in assembled("paper").functions if one.name == "rhs_jacobian")
-    monkeypatch.setattr(function_parts, "LONGEST_FUNCTION", 100)
-    monkeypatch.setattr(function_parts, "LONGEST_PART", 50)
-    whole, parts = function_parts.emit_function(f, "every")
-    assert len(parts) > 5
-    library = compiled_with(tmp_path, "#include <math.h>\n" + whole + "\n".join(parts))
-    pointer, rng = ctypes.POINTER(ctypes.c_double), np.random.default_rng(9)
-    sizes = [f.numel_in(k) for k in range(f.n_in())], [f.numel_out(k) for k in range(f.n_out())]
-    for _ in range(20):
-        given = [rng.uniform(0.1, 1.0, size) for size in sizes[0]]
-        expected = [np.array(part).ravel(order="F") for part in f(*given)]
-        places = [np.resize(value, max(value.size, size)) for value, size in zip(given, sizes[1], strict=True)]
-        shared = [place.ctypes.data_as(pointer) for place in places]
-        library.hda_every(*shared, *shared)
-        for place, part in zip(places, expected, strict=True):
-            assert np.array_equal(bits(place[: part.size]), bits(part))
 
 
 def test_lane_by_lane_operations_equal_the_scalar_ones(tmp_path: Path) -> None:

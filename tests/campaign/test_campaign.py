@@ -12,8 +12,11 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 import trivial_tasks as trivial
+from distributed.client import ClosedClientError
+from distributed.comm.core import CommClosedError
 
 from hdagen.arm.build_loader import PlantError
+from hdagen.campaign import worker_admission
 from hdagen.campaign.campaign_progress import CampaignProgress, format_duration, format_rate
 from hdagen.campaign.campaign_run import run_campaign
 from hdagen.campaign.cluster import open_cluster
@@ -21,7 +24,8 @@ from hdagen.campaign.cluster_request import ClusterRequest
 from hdagen.campaign.installation import describe_installation, explain_difference
 from hdagen.campaign.result_store import ResultStore
 from hdagen.campaign.task import Outcome, Status, Task, TaskFile
-from hdagen.campaign.task_runner import InProcessRunner, TaskRunner
+from hdagen.campaign.task_runner import DaskRunner, InProcessRunner, TaskRunner
+from hdagen.campaign.worker_admission import Admission
 
 SAID: list[str] = []
 
@@ -168,6 +172,39 @@ def test_nothing_but_the_tasks_own_inputs_leaves_this_process(
     for word in ("a word of the log", "label of the log", "a parameter"):
         assert word.encode() in all_sent
     assert secret.encode() not in all_sent and str(tmp_path).encode() not in all_sent
+
+
+class StubClient:
+    """A client whose scheduler is lost when the first task is sent; each of its answers is taken once."""
+
+    def __init__(self, *answers: object) -> None:
+        self.status = "running"
+        self.answers = list(answers)
+
+    def nthreads(self) -> dict[str, int]:
+        return {"tls://a:1": 1}
+
+    def run(self, *_: object, **__: object) -> dict[str, object]:
+        return {"tls://a:1": self.answers.pop(0)}
+
+    def submit(self, *_: object, **__: object) -> None:
+        self.status = "closed"
+        raise ClosedClientError("Client is closed. Can't send update-graph message.")
+
+
+def test_a_scheduler_that_is_lost_while_a_task_is_sent_is_one_sentence() -> None:
+    runner = DaskRunner(StubClient(""), silent)  # type: ignore[arg-type]
+    with pytest.raises(PlantError, match="the cluster's scheduler is gone; what is finished is kept"):
+        list(runner.run_tasks(squares(1)))
+
+
+def test_a_worker_that_leaves_while_it_is_asked_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker_admission, "LONELY_LOOK_INTERVAL", 0.0)
+    admission = Admission(StubClient(CommClosedError("Stream is closed"), ""), silent)  # type: ignore[arg-type]
+    admission.look_for_workers()
+    assert not admission.admitted and not admission.refused
+    admission.look_for_workers()
+    assert admission.admitted == {"tls://a:1"}
 
 
 # -- parts ------------------------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from hdagen.control.guarded_controller import Controller
 from hdagen.control.pose_kinematics import find_rotation_gap, find_tip_jacobian, find_tip_pose
 from hdagen.control.reference_motion import Reference
 from hdagen.control.tip_paths import make_tip_path
+from hdagen.simulation.batch_closed_loop import closed_loops
 from hdagen.simulation.ideal_admittance import find_left_jacobian, simulate_ideal_admittance
 from hdagen.simulation.simulated_sensors import Sensors
 from hdagen.simulation.simulator import Simulation, SpacePush, run
@@ -238,6 +239,25 @@ def test_without_the_observer_friction_holds_the_arm_back(arm: Arm) -> None:
         result = run(arm, controller, still, [SpacePush(0.2, 0.6, (2.0, 0.0, 0.0))], Sensors(), start=POSTURE)
         misses.append(miss(arm, controller, result, still)[0])
     assert misses[0] > 3 * misses[1] and misses[0] > 0.3, misses
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_closed_loops_in_lanes_are_the_simulation(arm: Arm, law: str) -> None:
+    """Without dry friction, which is smooth in lanes: two independent loops to 1e-8 m."""
+    smooth = arm.with_parameters(arm.p)
+    smooth.parameters.update({f"coulomb_friction_{j}": 0.0 for j in range(1, arm.n + 1)})
+    controller = Controller(smooth, law, Guard(Safe.DAMPING, safe_damping=(2.0,) * arm.n), GOOD)
+    path = make_tip_path("lissajous", find_tip_pose(arm, POSTURE), 0.05, 1.5, 0.3)
+    pushes, sensors = [SpacePush(0.1, 0.2, tuple(WRENCH))], Sensors(force_noise=0.2, delay=1)
+    alone = run(smooth, controller, path, pushes, sensors, 3, POSTURE)
+
+    def list_tips(tip: Array, _: Array) -> Array:
+        return tip.transpose(1, 0, 2).reshape(tip.shape[1], -1)
+
+    sets = {"stiffness_rx": [20.0, 5.0]}
+    found = closed_loops(smooth, controller, path, sets, list_tips, pushes, sensors, 3, POSTURE)
+    assert (alone.status >= 0).all()
+    assert np.abs(found[0].reshape(-1, 3) - alone.tip).max() < 1e-8 < np.abs(found[1] - found[0]).max()
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,7 @@ def urdf(robot: str) -> str:
 
 
 # 7 n − 4 β, less 2 where the first axis is upright; β joints from the base on are parallel (Mayeda et al. 1990)
-KNOWN = {
+KNOWN: dict[str, tuple[Callable[[], str], int]] = {
     "one joint across gravity": (lambda: flat(1, "[0.0, -9.81, 0.0]"), 3),
     "three parallel joints across gravity": (lambda: flat(3, "[0.0, -9.81, 0.0]"), 9),
     "three parallel upright joints": (lambda: flat(3, "[0.0, 0.0, -9.81]"), 7),

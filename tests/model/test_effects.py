@@ -17,7 +17,7 @@ from gen.effects import ALL, NOMINAL, kinematic_error, thermal_friction
 from gen.effects.effect import Effect, Port, Signals
 from gen.model import harmonic_drive, input_effects, mechanics
 from gen.model.arm_model import Model
-from gen.model.arm_motion import ArmMotion
+from gen.model.equations_of_motion import ArmMotion
 from gen.robot.load_robot import load
 from gen.robot.model_parameters import list_parameters
 

@@ -23,7 +23,7 @@ from gen.effects import ALL, NOMINAL
 from gen.effects.effect import Effect
 from gen.model import harmonic_drive, mechanics
 from gen.model.arm_model import Model
-from gen.model.arm_motion import ArmMotion
+from gen.model.equations_of_motion import ArmMotion
 from gen.model.right_hand_side import assemble_graphs
 from gen.robot.description import RobotError
 from gen.robot.load_robot import from_table
@@ -31,8 +31,8 @@ from gen.robot.load_robot import from_table
 PLAN = harmonic_drive.plan_inverse
 OURS = ("payload", "rotor_coupling", "gravity_tilt", "link_flexibility", "base_compliance")
 LOSSLESS = ("viscous_friction", "coulomb_friction", "torsional_damping", "base_damping", "link_damping")
-HARMONIC = {"harmonic drives": ("RRP", robots.SPRINGS)}
-CHAINS = {"rigid": ("RRP", None), "springs": ("RPR", robots.LINEAR)}
+HARMONIC: dict[str, tuple[str, dict[str, float] | None]] = {"harmonic drives": ("RRP", robots.SPRINGS)}
+CHAINS: dict[str, tuple[str, dict[str, float] | None]] = {"rigid": ("RRP", None), "springs": ("RPR", robots.LINEAR)}
 ON = {
     "payload_mass": 0.7,
     "payload_x": 0.05,

@@ -25,7 +25,7 @@ from hdagen.support.messages import show_path
 
 RATE = 500  # Hz, of controller and log
 SCATTER = 0.03  # relative standard deviation of masses, centres of mass and inertias about those of the model
-MOST_DEVIATIONS = 2.0  # of the scatter
+MOST_MASS_DEVIATIONS = 2.0  # of the scatter
 ENCODER_NOISE, ENCODER_RESOLUTION = 1e-5, 2 * math.pi / 2**17  # rad or m
 TORQUE_NOISE_SHARE = 1e-3  # of the largest torque of a joint
 MOST_ROBOT_BYTES = 1_000_000
@@ -103,7 +103,7 @@ class ModelCase:
         """The robot file with the true masses, centres of mass and inertias."""
         rng, table = seeded_generator(str(self.seed), "base"), copy.deepcopy(self.robot.table)
         for joint in table["joint"]:
-            off = SCATTER * np.clip(rng.standard_normal(5), -MOST_DEVIATIONS, MOST_DEVIATIONS)
+            off = SCATTER * np.clip(rng.standard_normal(5), -MOST_MASS_DEVIATIONS, MOST_MASS_DEVIATIONS)
             center = np.array(joint["center_of_mass"])
             joint["mass"] *= 1.0 + float(off[0])
             joint["center_of_mass"] = (center + np.linalg.norm(center) * off[1:4]).tolist()

@@ -28,7 +28,7 @@ from hdagen.blind.realities.random_streams import seeded_generator
 
 STEPS_PER_ROW = 4  # of RK4
 STEP = 1.0 / RATE / STEPS_PER_ROW  # s
-LOOP_BANDWIDTH, LOOP_DAMPING = 15.0, 0.8  # rad/s, and the damping ratio of the position loop
+JOINT_BANDWIDTH, LOOP_DAMPING = 15.0, 0.8  # rad/s, and the damping ratio of the position loop
 SPEED_SHARE = 0.3  # of a new difference of positions in the filtered speed
 HARDEST_IMPEDANCE = 0.9999  # MuJoCo's hardest impedance
 MOST_TRACKED_TORQUE = 0.9  # of a joint's largest torque, that commands are limited to
@@ -240,7 +240,7 @@ class _SpaceSimulation:
         """The torque of the model's links along the reference, and a position loop on the encoders."""
         motion, asked = self.motion, self.asked
         slip = motion.velocity[k] - speed
-        pull = LOOP_BANDWIDTH * (LOOP_BANDWIDTH * (motion.position[k] - read) + 2.0 * LOOP_DAMPING * slip)
+        pull = JOINT_BANDWIDTH * (JOINT_BANDWIDTH * (motion.position[k] - read) + 2.0 * LOOP_DAMPING * slip)
         asked.qpos[:], asked.qvel[:], asked.qacc[:] = (
             motion.position[k],
             motion.velocity[k],
