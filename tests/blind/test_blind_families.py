@@ -265,11 +265,11 @@ def test_motions_from_point_to_point_are_slow_enough_and_turn_back() -> None:
 
 @pytest.mark.parametrize("name", [*EFFECT_SIZES, "unknown"])
 def test_every_effect_of_the_arms_of_another_simulator_stands_above_the_noise(name: str) -> None:
-    """At its least size, in the first second and a half."""
+    """At its least size, in a second."""
     cases = draw_cases("noise", Population("unknown" if name == "unknown" else "single", MAXWELL), len(EFFECT_SIZES))
     case = next(one for one in cases if isinstance(one, ArmCase) and one.truth[0].effect == name)
     least = replace(case, truth=(replace(case.truth[0], size=0.5),))
-    snr = log_maker.make_arm_log(least, "log", 2.0, None)[2]
+    snr = log_maker.make_arm_log(least, "log", 1.2, None)[2]
     assert snr > 3.0
 
 
