@@ -15,6 +15,7 @@ from pathlib import Path
 from hdagen.blind.realities.joint_reality import make_joint_log
 from hdagen.blind.realities.rigid_joints import JointCase, draw_joint_cases
 from hdagen.log.measured_log import Log, write
+from hdagen.support.atomic_write import write_atomically
 
 FIRST_DATE = datetime.date(2026, 1, 5)
 DAYS_BETWEEN_LOGS = 30
@@ -41,7 +42,7 @@ def write_fleet(folder: Path, robot_count: int, log_count: int, seconds: float, 
     entries = []
     for number, case in enumerate(draw_one_joint_cases(seed, robot_count), 1):
         robot = f"robot_{number:03d}.toml"
-        (folder / robot).write_text(case.robot.toml(), encoding="utf-8")
+        write_atomically(folder / robot, case.robot.toml().encode())
         for k in range(log_count):
             log, date = (
                 f"robot_{number:03d}_log_{k + 1}.parquet",
@@ -51,7 +52,7 @@ def write_fleet(folder: Path, robot_count: int, log_count: int, seconds: float, 
             time = columns.pop("time")
             write(Log(time, columns, 1, log), folder / log)
             entries.append(f'[[machine]]\nrobot = "{robot}"\nlog = "{log}"\ndate = {date.isoformat()}\n')
-    (folder / "fleet.toml").write_text("\n".join(entries), encoding="utf-8")
+    write_atomically(folder / "fleet.toml", "\n".join(entries).encode())
     return folder / "fleet.toml"
 
 

@@ -47,7 +47,7 @@ def diagnose(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     (tmp_path / "log.csv").write_text("\n".join(["time,motor_torque_1,joint_position_1", *rows]) + "\n")
     (tmp_path / "fleet.toml").write_text('[[machine]]\nname = "left"\nrobot = "robot.toml"\nlog = "log.csv"\n')
     monkeypatch.chdir(tmp_path)
-    arm = SimpleNamespace(n=1, manifest={"effects": EFFECTS}, effects=catalogue.EFFECTS)
+    arm = SimpleNamespace(n=1, manifest={"effects": EFFECTS}, effects=catalogue.EFFECTS, robot={"joints": [{}]})
     monkeypatch.setattr(compiled_arm, "load", lambda *_: arm)
     monkeypatch.setattr(report_page, "write_report", lambda *_: None)
     monkeypatch.setattr(sentences, "write_verdict", lambda _: "a verdict")

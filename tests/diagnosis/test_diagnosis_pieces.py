@@ -31,6 +31,7 @@ from hdagen.diagnosis.search import close_calls, fit_ranking, hypothesis_race
 from hdagen.diagnosis.search.fit_ranking import drop_columns, first_with_columns
 from hdagen.diagnosis.search.hypothesis_race import _find_at_bound
 from hdagen.diagnosis.search.search_settings import SEARCH
+from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.support.heap_memory import tune_malloc
 
 
@@ -130,6 +131,10 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
         misfit_temperature: float = 1.0
 
         @property
+        def sensitivities(self) -> Any:
+            return SimpleNamespace(shooting=SimpleNamespace(budget=TimeBudget()))
+
+        @property
         def names(self) -> tuple[str, ...]:
             return tuple(f"{atom}@1" for atom in self.effects)
 
@@ -170,6 +175,7 @@ def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatc
         names = tuple(sorted(f"{atom}@1" for atom in atoms))
         one = SimpleNamespace(effects=atoms, names=names, evidence_here=evidence)
         one.score = SimpleNamespace(evidence=evidence)
+        one.sensitivities = SimpleNamespace(shooting=SimpleNamespace(budget=TimeBudget()))
         one.has_columns, one.has_converged, one.misfit_temperature, one.without_columns = True, False, 1.0, lambda: one
         return one
 

@@ -27,6 +27,7 @@ from hdagen.diagnosis.search import close_calls, hypothesis_race, multistart
 from hdagen.diagnosis.search.fit_ranking import drop_undeserved, first_with_columns
 from hdagen.diagnosis.search.hypothesis_race import run_race, start_promising
 from hdagen.diagnosis.search.search_settings import SEARCH
+from hdagen.diagnosis.stages.time_budget import TimeBudget
 
 
 def shaken(s: float) -> LinearModel:
@@ -71,11 +72,14 @@ def test_many_residuals_at_once_are_each_as_alone(s: float, temperature: float) 
     assert np.ptp(each) > 10.0
 
 
+UNLIMITED = SimpleNamespace(budget=TimeBudget())  # a simulator whose time is never up
+
+
 def fit(evidence: float, ahead: float = 0.0, level: float = 1.0, **more: Any) -> Any:
     """A fit that stands at ``evidence``, of which it has not yet reached ``ahead``, with windows at ``level``."""
     score = SimpleNamespace(evidence=evidence, posterior=SimpleNamespace(s=0.5, noise_level=level))
     at: Any = more.pop(
-        "sensitivities", SimpleNamespace(shooting=None, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
+        "sensitivities", SimpleNamespace(shooting=UNLIMITED, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
     )
     return Fit((1,), at, score, np.zeros(1), evidence, ahead, **more)  # type: ignore[arg-type]
 
@@ -127,7 +131,7 @@ def test_a_step_is_kept_that_beats_what_was_reached(
     found: float,
     tried: list[float],
 ) -> None:
-    at = SimpleNamespace(shooting=None, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
+    at = SimpleNamespace(shooting=UNLIMITED, cross_products=CrossProducts(np.zeros((1, 1, 1)), 0, 0))
     begun, shares = fit(-100.0, ahead, level, sensitivities=at), []
 
     def descend(design: Any, atoms: Any, score: Any, share: float) -> Any:
@@ -172,6 +176,7 @@ class Runner(SimpleNamespace):
     """A fit that stands, with nothing to let go of."""
 
     has_columns, has_converged, misfit_temperature, noise_only_evidence = True, True, 1.0, 0.0
+    sensitivities = SimpleNamespace(shooting=UNLIMITED)
 
     def without_columns(self) -> Any:
         return self
@@ -235,7 +240,7 @@ def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkey
     words: Any = SimpleNamespace(
         members=[SimpleNamespace(name=name) for name in gains], is_compatible=lambda *given: True
     )
-    at: Any = SimpleNamespace(shooting=SimpleNamespace(arm=None))
+    at: Any = SimpleNamespace(shooting=SimpleNamespace(arm=None, budget=TimeBudget()))
     scored: Any = [SimpleNamespace(effects=(), evidence=-7.0, posterior=SimpleNamespace(s=0.1))]
     scored += [SimpleNamespace(effects=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
     monkeypatch.setattr(hypothesis_race, "start_fit", lambda at, words, atoms, near, start: atoms)
