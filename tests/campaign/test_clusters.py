@@ -116,7 +116,8 @@ def test_a_robot_is_built_by_a_worker_or_travels_to_one_without_a_compiler(
     assert len({json.dumps(one.row["state"]) for one in every.values()}) == 1
     sent = [words for words in said if "has no compiler; it gets the build" in words]
     assert bool(sent) >= ("bare" in sites)
-    assert len(list((site.folder / "bare" / "home" / "cache" / "hdagen").glob("[!.]*"))) == ("bare" in sites)
+    kept = list((site.folder / "bare" / "home" / "cache" / "hdagen").glob("[!.]*"))
+    assert len(kept) >= ("bare" in sites)
 
 
 def test_workers_that_differ_or_lack_the_package_say_so_and_take_no_task(
