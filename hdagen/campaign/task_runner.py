@@ -124,6 +124,8 @@ class DaskRunner:
         """
         coming = (_Attempt(task) for task in tasks)
         is_exhausted = False
+        with self._explain_errors():
+            self._admission.look_for_workers()  # all that are there take part from the beginning
         while self._waiting or self._again or not is_exhausted:
             self._check_cluster()
             while idle := self._admission.admitted - {attempt.worker for attempt in self._waiting.values()}:
@@ -131,7 +133,8 @@ class DaskRunner:
                 if attempt is None:
                     is_exhausted = True
                     break
-                attempt.worker = min(idle)
+                if not attempt.builds or attempt.worker not in idle:  # a build goes to the worker that asked for it
+                    attempt.worker = min(idle)
                 if (unsent := self._submit(attempt)) is not None:
                     yield attempt.task, unsent
             for attempt, outcome in (*self._take_back_lost(), *self._stop_overdue(), *self._collect_ended()):
@@ -142,7 +145,7 @@ class DaskRunner:
         if self._client.status != "running":  # a scheduler that comes back has forgotten the tasks
             raise self._explain_loss()
         with self._explain_errors():
-            self._admission.look_for_workers()
+            self._admission.look_if_due()
         if self._admission.admitted:
             self._lonely_since = 0.0
             return

@@ -49,11 +49,14 @@ class Admission:
         self.admitted: set[str] = set()
         self.refused: dict[str, str] = {}
 
+    def look_if_due(self) -> None:
+        """Look for workers where the last look is some time ago."""
+        interval = LOOK_INTERVAL if self.admitted else LONELY_LOOK_INTERVAL
+        if time.monotonic() - self._last_look >= interval:
+            self.look_for_workers()
+
     def look_for_workers(self) -> None:
         """Admit or refuse the workers that came since the last look; forget those that left."""
-        interval = LOOK_INTERVAL if self.admitted else LONELY_LOOK_INTERVAL
-        if time.monotonic() - self._last_look < interval:
-            return
         self._last_look = time.monotonic()
         present = set(self._client.nthreads())
         self._known &= present

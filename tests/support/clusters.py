@@ -73,7 +73,7 @@ class Site:
         secured = []
         for option, path in self.certificates.items():
             secured += [f"--{option.replace('_ca', '-ca-file').replace('_', '-')}", str(path)]
-        with (place / "log").open("ab") as log:
+        with (place / "log").open("wb") as log:
             self.processes[name] = subprocess.Popen(
                 [sys.executable, "-m", module, *arguments, *secured],
                 cwd=place / "work",
@@ -160,6 +160,7 @@ def open_site(folder: Path, workers: Sequence[str] = ()) -> Iterator[Site]:
         site.start_scheduler()
         for name in workers:
             site.start_worker(name)
+        await_true(lambda: all("Registered" in site.log(name) for name in workers))
         yield site
     finally:
         for name in list(site.processes):
