@@ -10,7 +10,6 @@ import argparse
 import hashlib
 import json
 import os
-import resource
 import sys
 import tempfile
 import time
@@ -27,6 +26,7 @@ from hdagen.campaign.cluster import open_cluster
 from hdagen.campaign.cluster_request import ClusterRequest
 from hdagen.campaign.result_store import ResultStore
 from hdagen.campaign.task import Outcome, Task, TaskFolder
+from hdagen.campaign.task_execution import measure_processor_seconds
 from hdagen.fleet.fleet_file import read_fleet
 from hdagen.fleet.machine_task import make_machine_task
 
@@ -62,7 +62,7 @@ def measure_overhead(tasks: Sequence[Task], jobs: int, folder: Path) -> dict[str
         PlantError: No further task can be run.
 
     """
-    begun, used = time.monotonic(), _measure_processor_seconds()
+    begun, used = time.monotonic(), measure_processor_seconds()
     store, asked = ResultStore(folder), ClusterRequest(jobs=max(jobs, 1))
     memory: list[int] = []
 
@@ -74,7 +74,7 @@ def measure_overhead(tasks: Sequence[Task], jobs: int, folder: Path) -> dict[str
         ready, greeting = time.monotonic(), written["count"]
         outcomes, _ = run_campaign(tasks, store, runner, say_progress)
         ended, sent = time.monotonic(), written["count"] - greeting
-    total = _measure_processor_seconds() - used
+    total = measure_processor_seconds() - used
     inside = sum(one.processor_seconds for one in outcomes.values())
     return {
         "tasks": len(tasks),
@@ -128,15 +128,6 @@ def _measure_memory() -> int:
     """Resident memory of this process, bytes."""
     pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
     return int(pages) * os.sysconf("SC_PAGE_SIZE")
-
-
-def _measure_processor_seconds() -> float:
-    """Of this process and of all its children that have ended."""
-    found = 0.0
-    for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN):
-        usage = resource.getrusage(who)
-        found += usage.ru_utime + usage.ru_stime
-    return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
