@@ -23,11 +23,10 @@ def find_series_springs(arm: Arm) -> dict[int, SeriesSpring]:
         By joint, from 1, the names of the spring's parameters.
 
     """
-    given = [traits.series_spring for traits in arm.effects.values() if traits.series_spring]
     return {
         joint: spring
         for joint in range(1, arm.n + 1)
-        for spring in given
+        for spring in arm.effects.series_springs.values()
         if f"{spring.compliance}_{joint}" in arm.parameters
     }
 

@@ -140,14 +140,13 @@ def _read_effects(
     return effects, unknown
 
 
-def load_with_effects(robot: str | Path, profile: str, verdict: Verdict, in_space: bool = False) -> Arm:
+def load_with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
     """Load a robot with the verdict's effects in its model, at the parameters of the robot file.
 
     Args:
         robot: A preset or the path of a robot.toml.
         profile: Profile of the build, "portable" or "native".
         verdict: The verdict.
-        in_space: Whether the caller can do with an arm whose joints stand in space.
 
     Returns:
         The arm.
@@ -251,15 +250,10 @@ def find_rigid_compliances(arm: Arm, stated: Mapping[str, float]) -> dict[str, f
     """Of drives that the robot file calls rigid and the model gives a spring, its compliance where none is ``stated``:
     the least there is."""
     described = arm.parameters.described.values()
-    springs = _list_spring_effects(arm)
+    springs = arm.effects.series_springs
     free = (q for q in described if q.effect in springs and q.role == "amplitude" and q.name not in stated)
     absent = {effect["joint"] for effect in arm.robot["effects"] if effect["name"] in springs}
     return {q.name: q.low for q in free if q.joint not in absent}
-
-
-def _list_spring_effects(arm: Arm) -> frozenset[str]:
-    """The effects that change what a drive is made of: they give a rigid one a spring."""
-    return frozenset(name for name, traits in arm.effects.items() if traits.series_spring)
 
 
 def _check_joints(arm: Arm, verdict: Verdict) -> None:
@@ -313,7 +307,7 @@ def _check_same_robot(robot: str | Path, arm: Arm, source: str, diagnosed: Diagn
 def _list_absent_effects(arm: Arm, verdict: Verdict) -> tuple[str, ...]:
     """The verdict's effects whose equation the model lacks, with the joint where they change the drive itself; one that
     frees parameters it has needs none."""
-    present, springs = {effect["name"] for effect in arm.manifest["effects"]}, _list_spring_effects(arm)
+    present, springs = {effect["name"] for effect in arm.manifest["effects"]}, arm.effects.series_springs
     known = set(arm.parameters.described)
     lacking = [e for e in verdict.effects if set(e.parameters) - known]
     return tuple(

@@ -143,6 +143,11 @@ class EffectCatalogue(Mapping[str, EffectTraits]):
     def __len__(self) -> int:
         return len(self._traits)
 
+    @property
+    def series_springs(self) -> dict[str, SeriesSpring]:
+        """The springs that effects give to drives which the robot file calls rigid, by the effect's name."""
+        return {name: traits.series_spring for name, traits in self.items() if traits.series_spring}
+
     def find_group_experiment(self, one: str, other: str) -> str | None:
         """Find the experiment that tells two effects apart which look alike.
 

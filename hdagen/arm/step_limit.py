@@ -73,7 +73,7 @@ class StableStep:
         rotors = [described[f"ratio_{j}"].nominal ** 2 * described[f"motor_inertia_{j}"].nominal for j in flexible]
         places = tuple(names.index(f"torsional_damping_{j}") for j in flexible)
         looseness = np.asarray(own + 1.0 / np.array(rotors))
-        springs = [traits.series_spring for traits in arm.effects.values() if traits.series_spring]
+        springs = arm.effects.series_springs.values()
         missing = tuple(
             (at, names.index(f"{spring.compliance}_{j}"), names.index(f"{spring.damping}_{j}"))
             for at, j in enumerate(flexible)

@@ -68,7 +68,7 @@ def _find_joints_of_effects(robots: Iterable[str]) -> dict[str, set[str]]:
         arm = load(robot, "native", ("all",))
         every = range(1, arm.n + 1)
         joints = {effect["name"]: effect["joints"] for effect in arm.manifest["effects"]}
-        springs = [name for name, traits in arm.effects.items() if traits.series_spring]  # "all" leaves these out
+        springs = arm.effects.series_springs  # "all" leaves these out
         names = ("", *list_joint_names(arm))
         for name, numbers in (joints | dict.fromkeys((*springs, UNEXPLAINED), every)).items():
             found.setdefault(name, set()).update(str(j) for j in numbers)

@@ -193,7 +193,7 @@ def _search_wrong_numbers(
     joints, which take most of the time, are searched again only where they stand in the first verdict, or where there
     was none."""
     budget, stage = attempts.budget, "the search for wrong numbers of the robot file"
-    springs = {name for name, traits in models.full.effects.items() if traits.series_spring}
+    springs = models.full.effects.series_springs
     may_have_springs = verdict is None or any(name.partition("@")[0] in springs for name in verdict)
 
     def search_again() -> _JudgedSearch | None:

@@ -58,8 +58,7 @@ def compare_with_springs(
     budget = found.fits[0].sensitivities.shooting.budget
     if budget.is_left_out("springs in joints that the robot file calls rigid"):
         return found
-    springs = [name for name, traits in arm.effects.items() if traits.series_spring]
-    flexible = load(robot, "native", ("all", *springs))
+    flexible = load(robot, "native", ("all", *arm.effects.series_springs))
     _log_rigid_joints(flexible)
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
         return found
