@@ -20,7 +20,6 @@ from hdagen.blind.realities.misstated_numbers import (
     EFFECT_SHARE,
     WrongNumber,
     draw_wrong_numbers,
-    label_numbers,
     misstate_numbers,
     restore_numbers,
 )
@@ -34,6 +33,7 @@ from hdagen.blind.realities.two_joint_arms import (
     SMALLEST_SIZE,
     SMALLEST_SIZE_OF_TWO,
     TrueEffect,
+    label_truth,
 )
 
 CHAIN_RATES = (100, 200, 250, 500, 1000)  # Hz, of logs
@@ -90,14 +90,7 @@ class JointArmCase:
 
     def label(self) -> dict[str, Any]:
         """The truth that is sealed."""
-        return {
-            "kind": self.kind,
-            "verdict": [str(one) for one in (*self.numbers, *self.truth)],
-            "sizes": [*(one.factor for one in self.numbers), *(one.size for one in self.truth)],
-            **label_numbers(self.numbers),
-            "background": self.background,
-            "seed": self.seed,
-        }
+        return label_truth(self.kind, self.numbers, self.truth, self.background, self.seed)
 
     def true_diagnosis(self) -> None:
         """None: no diagnosis.json can state the truth, as the model has other formulas."""

@@ -25,6 +25,7 @@ from hdagen.blind.realities.maxwell_reality import simulate_arm
 from hdagen.blind.realities.model_arms import ModelCase
 from hdagen.blind.realities.population import MAXWELL, read_population
 from hdagen.blind.realities.rigid_joints import JointCase
+from hdagen.blind.realities.signal_to_noise import measure_signal_to_noise
 from hdagen.blind.realities.two_joint_arms import ArmCase, TwoJointArm, draw_effect_parameters, draw_true_parameters
 from hdagen.blind.realities.two_joint_motion import Motion, draw_circle_motion, draw_rich_motion
 from hdagen.log.measured_log import write
@@ -68,7 +69,7 @@ def make_arm_log(
     found = draw_effect_parameters(case, ends)
     log, snr = simulate(_make_world(case, found), robot.joints, path, seed), 0.0
     if without:
-        snr = _signal_to_noise(log, without, robot)
+        snr = measure_signal_to_noise(log, without, _list_noise(robot))
     return log, found, snr
 
 
@@ -97,14 +98,9 @@ def make_chain_log(
     if case.truth:
         named = {(one.effect, one.joint) for one in case.truth}
         quiet = {key: p for key, p in found.items() if key not in named}
-        without, ratios = simulate_chain(case, motion, seconds, quiet), []
-        for j, joint in enumerate(case.machine.joints, 1):
-            noise = {
-                f"motor_torque_{j}": joint["input_noise"],
-                f"{case.robot.encoder}_position_{j}": case.robot.noise()[f"{case.robot.encoder}_position_{j}"],
-            }
-            ratios += [float(np.sqrt(np.mean((log[n] - without[n]) ** 2))) / sd for n, sd in noise.items()]
-        snr = max(ratios)
+        without = simulate_chain(case, motion, seconds, quiet)
+        torque = {f"motor_torque_{j}": joint["input_noise"] for j, joint in enumerate(case.machine.joints, 1)}
+        snr = measure_signal_to_noise(log, without, case.robot.noise() | torque)
     return log, found, snr
 
 
@@ -143,17 +139,13 @@ def _motion_limits(path: Motion) -> dict[int, dict[str, float]]:
     }
 
 
-def _signal_to_noise(log: Mapping[str, np.ndarray], without: Mapping[str, np.ndarray], robot: TwoJointArm) -> float:
-    """The change that the effects make, rms, in multiples of the channel's noise; the largest of all channels."""
-    found = []
+def _list_noise(robot: TwoJointArm) -> dict[str, float]:
+    """The standard deviation of each channel's noise; an encoder rounds to its resolution."""
+    found = {}
     for channel, key in CHANNEL_NOISE_KEYS.items():
         for j, joint in enumerate(robot.joints, 1):
-            noise = joint[key]
-            if key != "current_noise":  # an encoder rounds to its resolution
-                noise = noise / np.sqrt(12.0)
-            change = log[f"{channel}_{j}"] - without[f"{channel}_{j}"]
-            found.append(float(np.sqrt(np.mean(change**2))) / noise)
-    return max(found)
+            found[f"{channel}_{j}"] = joint[key] if key == "current_noise" else joint[key] / np.sqrt(12.0)
+    return found
 
 
 def pack_parameters(found: EffectParameters) -> dict[str, dict[str, float]]:

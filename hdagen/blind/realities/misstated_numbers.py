@@ -106,19 +106,6 @@ def restore_numbers(joints: Sequence[Mapping[str, float]], wrong: Sequence[Wrong
     return _scale_numbers(joints, {str(one): one.factor for one in wrong})
 
 
-def label_numbers(wrong: Sequence[WrongNumber]) -> dict[str, dict[str, float]]:
-    """Label the wrong numbers of a case.
-
-    Args:
-        wrong: the numbers.
-
-    Returns:
-        Entries of its label; none where no number is wrong.
-
-    """
-    return {"numbers": {str(one): one.factor for one in wrong}} if wrong else {}
-
-
 def _scale_numbers(joints: Sequence[Mapping[str, float]], factors: Mapping[str, float]) -> list[dict[str, float]]:
     scaled = [dict(joint) for joint in joints]
     for name, factor in factors.items():

@@ -25,6 +25,7 @@ from hdagen.blind.realities.model_arms import (
     rate_joint,
 )
 from hdagen.blind.realities.random_streams import seeded_generator
+from hdagen.blind.realities.signal_to_noise import measure_signal_to_noise
 
 STEPS_PER_ROW = 4  # of RK4
 STEP = 1.0 / RATE / STEPS_PER_ROW  # s
@@ -61,9 +62,7 @@ def make_model_log(
     log = simulate_space_arm(case.true_table(), nominal, motion, noise, {(case.effect, case.joint): found})
     if known is not None:
         return log, found, 0.0
-    deviation = case.robot.noise()
-    changes = [float(np.sqrt(np.mean((log[name] - without[name]) ** 2))) / sd for name, sd in deviation.items()]
-    return log, found, max(changes)
+    return log, found, measure_signal_to_noise(log, without, case.robot.noise())
 
 
 def draw_effect(case: ModelCase, without: Mapping[str, np.ndarray]) -> Values:

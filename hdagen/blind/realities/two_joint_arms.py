@@ -15,7 +15,6 @@ from hdagen.blind.realities.misstated_numbers import (
     EFFECT_SHARE,
     WrongNumber,
     draw_wrong_numbers,
-    label_numbers,
     misstate_numbers,
     restore_numbers,
 )
@@ -109,6 +108,32 @@ class TrueEffect:
         return f"{self.effect}@{self.joint}"
 
 
+def label_truth(
+    kind: str, numbers: Sequence[WrongNumber], truth: Sequence[TrueEffect], background: float, seed: int
+) -> dict[str, Any]:
+    """Label a case: the truth that is sealed.
+
+    Args:
+        kind: the kind of the case.
+        numbers: the numbers of the robot file that are wrong.
+        truth: the effects to find.
+        background: size of every other effect.
+        seed: of everything else.
+
+    Returns:
+        The label, as `hdagen.blind.scores` reads it.
+
+    """
+    label: dict[str, Any] = {
+        "kind": kind,
+        "verdict": [str(one) for one in (*numbers, *truth)],
+        "sizes": [*(one.factor for one in numbers), *(one.size for one in truth)],
+    }
+    if numbers:
+        label["numbers"] = {str(one): one.factor for one in numbers}
+    return label | {"background": background, "seed": seed}
+
+
 @dataclass(frozen=True)
 class ArmCase:
     """A case before it is simulated. ``name`` of its folder; ``robot`` as its file states it; ``truth``: the effects to
@@ -134,14 +159,7 @@ class ArmCase:
 
     def label(self) -> dict[str, Any]:
         """The truth that is sealed."""
-        return {
-            "kind": self.kind,
-            "verdict": [str(one) for one in (*self.numbers, *self.truth)],
-            "sizes": [*(one.factor for one in self.numbers), *(one.size for one in self.truth)],
-            **label_numbers(self.numbers),
-            "background": self.background,
-            "seed": self.seed,
-        }
+        return label_truth(self.kind, self.numbers, self.truth, self.background, self.seed)
 
     def true_diagnosis(self) -> None:
         """None: no diagnosis.json can state the truth, as the model has other formulas."""
