@@ -113,12 +113,30 @@ def animate_arms(
     return frame.build_figure("arm", title, drawings, caption=caption, data=data, link=link)
 
 
-def _build_scene(
-    title: str, time: ArrayLike, arms: Sequence[MovingArm], target: ArrayLike | None, pushes: Sequence[PushArrow]
-) -> _Scene:
+def read_moments(title: str, time: ArrayLike) -> Array:
+    """Read the time of an animation.
+
+    Args:
+        title: Of the animation, for the sentence.
+        time: (T,) s.
+
+    Returns:
+        The time of each sample.
+
+    Raises:
+        ValueError: The time is not finite or not ascending.
+
+    """
     moments = as_samples(time)
     if np.isnan(moments).any() or np.any(np.diff(moments) < 0):
         raise ValueError(f"animation {title!r}: time must be finite and ascending; sort the samples")
+    return moments
+
+
+def _build_scene(
+    title: str, time: ArrayLike, arms: Sequence[MovingArm], target: ArrayLike | None, pushes: Sequence[PushArrow]
+) -> _Scene:
+    moments = read_moments(title, time)
     clouds = []
     for one in arms:
         points = np.asarray(one.points, dtype=np.float64)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hdagen.pages import frame
-from hdagen.pages.decimation import Array, as_samples, pack_floats
+from hdagen.pages.animation import read_moments
+from hdagen.pages.decimation import Array, pack_floats
 from hdagen.pages.frame import LAYOUTS, WIDE, Layout, draw_text, group_in_color
 from hdagen.pages.markup import build_element
 from hdagen.pages.plot import build_path_data
@@ -87,9 +88,7 @@ def animate_arm_in_space(
         ValueError: Shapes do not fit each other, or the time is not ascending.
 
     """
-    moments, places = as_samples(time), np.asarray(points, dtype=np.float64)
-    if np.isnan(moments).any() or np.any(np.diff(moments) < 0):
-        raise ValueError(f"animation {title!r}: time must be finite and ascending; sort the samples")
+    moments, places = read_moments(title, time), np.asarray(points, dtype=np.float64)
     if places.shape != (moments.size, len(names), 3) or not moments.size or len(names) < 2:
         raise ValueError(
             f"animation {title!r}: points have shape {places.shape}; give ({moments.size} samples ≥ 1, {len(names)}, 3)"

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn_arms import FLAT, JOINTS, NOTHING, STANDING
 
 import hdagen
 from hdagen.blind.realities import log_maker
@@ -37,7 +38,6 @@ from hdagen.blind.realities.population import (
     read_population,
 )
 from hdagen.blind.realities.two_joint_arms import (
-    NOMINAL_DRIVE,
     NOMINAL_SENSOR,
     ArmCase,
     TwoJointArm,
@@ -47,15 +47,7 @@ from hdagen.blind.realities.two_joint_motion import PERIOD, Motion
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 
-LINKS = (
-    {"length": 0.15, "mass": 1.6, "center_of_mass": 0.08, "inertia": 0.03},
-    {"length": 0.17, "mass": 0.9, "center_of_mass": 0.08, "inertia": 0.012},
-)
-JOINTS = tuple({**link, **NOMINAL_DRIVE, **NOMINAL_SENSOR} for link in LINKS)
-FLAT = TwoJointArm("flat", (0.0, 0.0), JOINTS)  # type: ignore[arg-type]
-STANDING = TwoJointArm("standing", (0.0, -9.81), JOINTS)  # type: ignore[arg-type]
 LOSSLESS = {"viscous_friction": 0.0, "coulomb_friction": 0.0, "torsional_damping": 0.0}
-NOTHING: tuple[dict[str, Any], ...] = ({}, {})
 
 
 def rms(values: np.ndarray) -> float:

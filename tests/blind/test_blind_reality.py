@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn_arms import FLAT, JOINTS, NOTHING, STANDING
 
 import hdagen
 from hdagen.blind.realities.arm_reality import ARM_STEP, PERIOD, simulate_world
@@ -28,15 +29,6 @@ from hdagen.blind.realities.two_joint_arms import (
 from hdagen.blind.realities.two_joint_motion import Motion, draw_circle_motion, draw_rich_motion
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
-
-LINKS = (
-    {"length": 0.15, "mass": 1.6, "center_of_mass": 0.08, "inertia": 0.03},
-    {"length": 0.17, "mass": 0.9, "center_of_mass": 0.08, "inertia": 0.012},
-)
-JOINTS = tuple({**link, **NOMINAL_DRIVE, **NOMINAL_SENSOR} for link in LINKS)
-FLAT = TwoJointArm("flat", (0.0, 0.0), JOINTS)  # type: ignore[arg-type]
-STANDING = TwoJointArm("standing", (0.0, -9.81), JOINTS)  # type: ignore[arg-type]
-NOTHING: tuple[dict[str, dict[str, float]], ...] = ({}, {})
 
 
 def still(rows: int, q: tuple[float, float] = (0.0, 0.0)) -> Motion:

@@ -6,13 +6,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+import wrist
 from json_schemas import violations
 
 from hdagen.adoption.diagnosis_json_schema import build_json_schema
 from hdagen.arm.build_loader import PlantError
-from hdagen.arm.compiled_arm import load
 from hdagen.diagnosis import pipeline
 from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.report.repeat_commands import DiagnosedFiles, format_commands
@@ -22,28 +21,7 @@ from hdagen.diagnosis.stages.stage import Stage
 from hdagen.diagnosis.stages.time_budget import TimeBudget, TimeUpError
 from hdagen.log.measured_log import Log
 
-RESOLUTION = 1e-5  # rad
 SECONDS = 100.0
-ROBOT = f"""name = "wrist"
-gravity = [0.0, -9.81]
-step = 1e-3
-[[joint]]
-length = 0.3
-mass = 2.0
-center_of_mass = 0.15
-inertia = 0.03
-[joint.drive]
-rigid = true
-ratio = 1.0
-motor_inertia = 0.0  # no rotor, and so no spring to look for
-viscous_friction = 0.1
-coulomb_friction = 0.2
-friction_smoothing = 0.05
-[joint.limits]
-torque = 12.0
-[joint.sensor]
-joint_encoder_resolution = {RESOLUTION}
-"""
 
 
 class StageClock:
@@ -63,22 +41,14 @@ class StageClock:
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("wrist") / "robot.toml"
-    file.write_text(ROBOT)
+    file.write_text(wrist.ROBOT)
     return file
 
 
 @pytest.fixture(scope="module")
 def machine_log(robot: Path) -> Log:
     """A log of a machine with three times the file's Coulomb friction."""
-    arm = load(robot)
-    arm.parameters.update({"coulomb_friction_1": 0.6})
-    time = np.arange(0.0, 5.0, 2e-3)
-    waves = np.sin(2 * np.pi * np.outer(time, [0.37, 0.9, 2.1]) + [0.0, 1.0, 2.0])
-    u = np.zeros((len(time), arm.nu))
-    u[:, 0] = np.minimum(2.0 * time, 1.0) * (waves @ [2.0, 1.5, 1.5])
-    x = arm.rollout(arm.rest([-np.pi / 2]), u[:-1], np.diff(time), exact=True)
-    angle = np.round(arm.outputs(x, u)["joint_position"][:, 0] / RESOLUTION) * RESOLUTION
-    return Log(time, {"motor_torque_command_1": u[:, 0].copy(), "joint_position_1": angle}, 1, "made")
+    return wrist.move_wrist(robot, {"coulomb_friction_1": 3.0}, 5.0)
 
 
 def diagnose(robot: Path, log: Log, stage: Stage) -> Diagnosis:
