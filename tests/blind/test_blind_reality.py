@@ -16,6 +16,7 @@ from hdagen.blind.realities.arm_reality import ARM_STEP, PERIOD, simulate_world
 from hdagen.blind.realities.arm_world import ArmWorld, tilt_gravity
 from hdagen.blind.realities.drivetrain import Drivetrain, MaxwellSlip, Springs
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES, UNKNOWN_KINDS
+from hdagen.blind.realities.kinematic_lead import compute_kinematic_lead
 from hdagen.blind.realities.log_maker import make_arm_log
 from hdagen.blind.realities.two_joint_arms import (
     NOMINAL_DRIVE,
@@ -103,7 +104,7 @@ def test_a_kinematic_error_makes_no_energy() -> None:
     for theta, width in zip(angles[:-1], np.diff(angles), strict=True):
         work += drive.compute_torques(theta + 0.5 * width, 1e-9, q, 0.0)[0] * width
     springs = Springs(JOINTS[0])
-    ends = [theta / 100 - q + drive._kinematic_lead(theta)[0] for theta in (0.0, 2 * math.pi)]
+    ends = [theta / 100 - q + compute_kinematic_lead(drive.kinematic, theta)[0] for theta in (0.0, 2 * math.pi)]
     paths = [np.linspace(0.0, end, 2001) for end in ends]
     stored = [float(np.trapezoid([springs.torque(x) for x in path], path)) for path in paths]
     assert -work == pytest.approx(stored[1] - stored[0], rel=1e-3)

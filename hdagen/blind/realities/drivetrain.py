@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from hdagen.blind.realities.effect_sizes import UNKNOWN_KINDS
+from hdagen.blind.realities.kinematic_lead import compute_kinematic_lead
 
 _TABLE_CELLS = 4096  # number of cells of the spring table
 _SLIP_ELEMENTS = 8  # number of elements of Maxwell's slip model
@@ -179,7 +180,7 @@ class Drivetrain:
         theta = self.ratio * (q + phi)
         if self.kinematic:
             for _ in range(20):
-                theta = self.ratio * (q + phi - self._kinematic_lead(theta)[0])
+                theta = self.ratio * (q + phi - compute_kinematic_lead(self.kinematic, theta)[0])
         return theta
 
     def compute_torques(self, theta: float, omega: float, q: float, v: float) -> tuple[float, float, float]:
@@ -196,7 +197,7 @@ class Drivetrain:
             torque τ, all in N m.
 
         """
-        lead, slope = self._kinematic_lead(theta)
+        lead, slope = compute_kinematic_lead(self.kinematic, theta)
         phi = theta / self.ratio - q + lead
         rate = omega * (1.0 / self.ratio + slope) - v
         if self.slip or self.gap:
@@ -260,17 +261,6 @@ class Drivetrain:
             self.warm += (self.lost / period / p["power"] - self.warm) * -math.expm1(-period / p["time"])
             self.lost = 0.0
             self.cold_share = math.exp(self.warm * math.log1p(-p["drop"]))
-
-    def _kinematic_lead(self, theta: float) -> tuple[float, float]:
-        """Δ(θ), rad, and dΔ/dθ; 0 without a kinematic error."""
-        lead = slope = 0.0
-        if not self.kinematic:
-            return lead, slope
-        for name, order in (("once", 1.0), ("twice", 2.0), ("fourth", 4.0)):
-            angle = order * theta + self.kinematic[f"{name}_phase"]
-            lead += self.kinematic[name] * math.sin(angle)
-            slope += order * self.kinematic[name] * math.cos(angle)
-        return lead, slope
 
     def _transmission_torque(self, phi: float, rate: float) -> float:
         """Torque of springs, damper and hysteresis, N m, at torsion ``phi``, rad, that changes by ``rate``, rad/s."""

@@ -23,6 +23,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from hdagen.blind.realities.kinematic_lead import compute_kinematic_lead
+
 _LAW_CELLS = 16384  # of the spring table
 _LAW_LIMIT = 12.0  # c_f τ up to which the spring law holds, as in robot_toml.md
 _GRADED_ELEMENTS = 5  # of presliding
@@ -118,27 +120,8 @@ class MaxwellDrive:
             phi += math.copysign(self.half_gap, tau)
         theta = self.ratio * (q + phi)
         for _ in range(20):
-            theta = self.ratio * (q + phi - self.lead(theta)[0])
+            theta = self.ratio * (q + phi - compute_kinematic_lead(self.kinematic, theta)[0])
         return theta
-
-    def lead(self, theta: float) -> tuple[float, float]:
-        """Compute the kinematic error.
-
-        Args:
-            theta: motor angle, rad.
-
-        Returns:
-            The lead Δ of the joint, rad, and its slope dΔ/dθ.
-
-        """
-        p = self.kinematic
-        if not p:
-            return 0.0, 0.0
-        first, second = theta + p["once_phase"], 2.0 * theta + p["twice_phase"]
-        fourth = 4.0 * theta + p["fourth_phase"]
-        angle = p["once"] * math.sin(first) + p["twice"] * math.sin(second) + p["fourth"] * math.sin(fourth)
-        slope = p["once"] * math.cos(first) + 2.0 * p["twice"] * math.cos(second) + 4.0 * p["fourth"] * math.cos(fourth)
-        return angle, slope
 
     def compute_torques(self, theta: float, omega: float, q: float, v: float) -> tuple[float, float, float, float]:
         """Compute the torques of a step.
@@ -156,7 +139,7 @@ class MaxwellDrive:
         """
         per_turn, lead = 1.0 / self.ratio, 0.0
         if self.kinematic:
-            lead, slope = self.lead(theta)
+            lead, slope = compute_kinematic_lead(self.kinematic, theta)
             per_turn += slope
         tau = self._join_torque(theta / self.ratio - q + lead, omega * per_turn - v)
         motor = self.bias - self.cold_share * self.viscous * omega - tau * per_turn
