@@ -15,7 +15,7 @@ import pytest
 import real_machines
 from real_bam import closed_loop
 from real_examples import EXAMPLES, ROOT, recorded, run
-from real_machines import Case
+from recorded_machines import CASES, Case
 
 from gen.effects import ALL
 from gen.robot.load_robot import load
@@ -357,7 +357,7 @@ def test_a_heavier_weight_alone_does_not_explain_the_swings_with_it(simple: dict
 # -- all of them ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("case", real_machines.CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_a_case_of_the_real_machines_is_converted(
     case: Case, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -376,7 +376,7 @@ def test_a_case_of_the_real_machines_is_converted(
 
 
 def test_bam_s_gain_of_400_is_held_out(data_dir: Path) -> None:
-    (bam,) = (case for case in real_machines.CASES if case.name == "bam")
+    (bam,) = (case for case in CASES if case.name == "bam")
     held, known = (
         [path for one in recordings for path in recorded(data_dir, one.pattern)]
         for recordings in (bam.hold_out, bam.logs)
@@ -387,7 +387,7 @@ def test_bam_s_gain_of_400_is_held_out(data_dir: Path) -> None:
 
 def test_recordings_that_are_not_there_are_said_to_be_missing(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="no recorded logs: nothing matches .*DATA_EMPS.mat"):
-        real_machines.convert(real_machines.CASES[0], tmp_path, tmp_path / "out")
+        real_machines.convert(CASES[0], tmp_path, tmp_path / "out")
 
 
 # -- PACE's case ------------------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """What `hdagen diagnose` has to say of real machines, by the command and from its files alone.
 
-The cases are those of docs/examples/real_machines.py. What was withheld from a robot file, or what others published
+The cases are those of docs/examples/recorded_machines.py. What was withheld from a robot file, or what others published
 about the machine, is the answer; none of it is in the files that the command gets. All but the judgement itself are
 campaigns, half a minute a log. What is marked as missed is not reached yet; a mark that has come to pass fails, and is
 to be taken away.
@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 import pytest
 import real_machines
+import recorded_machines
 from real_bam import closed_loop
 from real_examples import EXAMPLES, ROOT, recorded, run
-from real_machines import CASES, Inputs
+from real_machines import Inputs
+from recorded_machines import CASES
 
 from hdagen.__main__ import COMMANDS
 
@@ -63,7 +65,7 @@ def test_every_part_of_an_answer_has_to_be_named_and_nothing_that_is_wrong() -> 
     both = replace(either, answer=(("coulomb_friction@1",), ("current_loop_lag@1",)))
     assert real_machines.is_named(both, ["current_loop_lag@1", "coulomb_friction@1"])
     assert not real_machines.is_named(both, ["coulomb_friction@1"])
-    anywhere = replace(either, answer=(real_machines.FRICTIONS,))
+    anywhere = replace(either, answer=(recorded_machines.FRICTIONS,))
     assert real_machines.is_named(anywhere, ["viscous_friction@2"])
     assert not real_machines.is_named(anywhere, [])
     without = replace(either, answer=(), wrong=("stiffness@1",))
