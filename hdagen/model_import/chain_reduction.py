@@ -119,15 +119,16 @@ class _Reduction:
 
     def find_tip(self, base: int) -> int:
         """The last body before the tree branches; fingers behind it are a gripper."""
-        at = base
+        at, joints_before = base, 0
         while True:
             moving = [child for child in self.children[at] if self.moving_joints(child)]
             if not moving:
                 return at
             if len(moving) == 1:
                 at = moving[0]
+                joints_before += len(self.bodies[at].joints)
                 continue
-            if at != base and all(self.moving_joints(child) <= MOST_GRIPPER_JOINTS for child in moving):
+            if joints_before and all(self.moving_joints(child) <= MOST_GRIPPER_JOINTS for child in moving):
                 return at
             names = join_names([self.bodies[k].name for k in range(len(self.bodies)) if not self.children[k]])
             self.refuse(f"found a tree with several tips, possible is one chain; name its end by --tip, of {names}")

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.model_import.model_file import ModelError, ModelFile
+from hdagen.model_import.spec_preparation import replace_impossible_inertias, strip_geometry
+from hdagen.support.messages import join_names
 
 Array = NDArray[np.float64]
 JOINT_KINDS = {0: "free", 1: "ball", 2: "prismatic", 3: "revolute"}  # mjtJoint
 TENSOR_ERROR = 1e-9  # of the largest entry, by which principal axes may differ from the six numbers
-PLACEHOLDER = 1e-6  # kg and kg m² of a moving body without mass, which MuJoCo refuses; taken off again
 LARGEST_NUMBER = 1e12  # of a body or a frame, whose products then stay numbers
 NO_LIMIT = 1e6  # from here on a limit stands for none: URDF demands one of every joint
 NO_MUJOCO = "pip install 'hdagen[mujoco]'"
@@ -139,7 +140,8 @@ def compile_tree(file: ModelFile) -> Tree:
     coupled, looped = _find_equations(spec)
     tensors = {body.name: _read_tensor(mujoco, body) for body in spec.bodies if body.name}
     try:
-        weightless = _strip_geometry(spec, file)
+        weightless = strip_geometry(spec, file)
+        impossible = replace_impossible_inertias(spec, tensors) if file.is_urdf else set()
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             model = spec.compile()
@@ -147,29 +149,52 @@ def compile_tree(file: ModelFile) -> Tree:
         raise ModelError(f"{file.label}: MuJoCo refuses it ({_first_line(error)}); correct it there.") from None
     notes += [f"MuJoCo says: {_first_line(one.message)}" for one in told]
     _check_finite(model, file)
-    bodies = []
-    for index in range(model.nbody):
-        body = model.body(index)
-        joints = tuple(
-            _read_joint(model, file, k, forces, coupled) for k in range(model.njnt) if model.jnt_bodyid[k] == index
-        )
-        quaternion, weight = model.body_iquat[index], 0.0 if body.name in weightless else float(model.body_mass[index])
-        axes = _rotation(mujoco, quaternion)
-        inertia = axes @ np.diag(model.body_inertia[index]) @ axes.T * (body.name not in weightless)
-        tensor = tensors.get(body.name)
-        if tensor is not None and np.allclose(tensor, inertia, rtol=0, atol=TENSOR_ERROR * np.abs(inertia).max()):
-            inertia = tensor  # as the file has it
-        sites = {
-            model.site(k).name: (model.site_pos[k].copy(), _rotation(mujoco, model.site_quat[k]))
-            for k in range(model.nsite)
-            if model.site_bodyid[k] == index
-        }
-        place, turned = model.body_pos[index].copy(), _rotation(mujoco, model.body_quat[index])
-        parent = int(model.body_parentid[index]) if index else -1
-        center = model.body_ipos[index].copy()
-        loop = body.name in looped
-        bodies.append(TreeBody(body.name, parent, place, turned, weight, center, inertia, joints, sites, loop))
-    return Tree(spec.modelname, model.opt.gravity.copy(), not file.is_urdf, tuple(bodies), tuple(notes))
+    if counted := sorted(impossible - weightless):
+        notes.append(f"counted as stated, though no body has such an inertia: {join_names(counted)}")
+    parts = _ModelParts(mujoco, model, file, forces, coupled, looped, weightless, impossible, tensors)
+    bodies = tuple(_read_body(parts, index) for index in range(model.nbody))
+    return Tree(spec.modelname, model.opt.gravity.copy(), not file.is_urdf, bodies, tuple(notes))
+
+
+@dataclass(frozen=True)
+class _ModelParts:
+    """A compiled model, and by name of the joint or body what the document says beside it."""
+
+    mujoco: Any
+    model: Any
+    file: ModelFile
+    forces: dict[str, tuple[float | None, bool]]
+    coupled: set[str]
+    looped: set[str]
+    weightless: set[str]
+    impossible: set[str]
+    tensors: dict[str, Array | None]
+
+
+def _read_body(parts: _ModelParts, index: int) -> TreeBody:
+    mujoco, model = parts.mujoco, parts.model
+    body = model.body(index)
+    joints = tuple(
+        _read_joint(model, parts.file, k, parts.forces, parts.coupled)
+        for k in range(model.njnt)
+        if model.jnt_bodyid[k] == index
+    )
+    weight = 0.0 if body.name in parts.weightless else float(model.body_mass[index])
+    axes = _rotation(mujoco, model.body_iquat[index])
+    inertia = axes @ np.diag(model.body_inertia[index]) @ axes.T * (body.name not in parts.weightless)
+    tensor = parts.tensors.get(body.name)
+    is_close = tensor is not None and np.allclose(tensor, inertia, 0, TENSOR_ERROR * np.abs(inertia).max())
+    if tensor is not None and (is_close or body.name in parts.impossible - parts.weightless):
+        inertia = tensor  # as the file has it
+    sites = {
+        model.site(k).name: (model.site_pos[k].copy(), _rotation(mujoco, model.site_quat[k]))
+        for k in range(model.nsite)
+        if model.site_bodyid[k] == index
+    }
+    place, turned = model.body_pos[index].copy(), _rotation(mujoco, model.body_quat[index])
+    parent = int(model.body_parentid[index]) if index else -1
+    center = model.body_ipos[index].copy()
+    return TreeBody(body.name, parent, place, turned, weight, center, inertia, joints, sites, body.name in parts.looped)
 
 
 def _check_finite(model: Any, file: ModelFile) -> None:
@@ -255,62 +280,6 @@ def _find_equations(spec: Any) -> tuple[set[str], set[str]]:
         else:
             bodies |= names
     return joints, bodies
-
-
-def _strip_geometry(spec: Any, file: ModelFile) -> set[str]:
-    """Take out what needs files or is not mechanics of the tree; names of bodies without mass are returned."""
-    weightless = set()
-    automatic = spec.compiler.inertiafromgeom.name.endswith("AUTO")
-    always = spec.compiler.inertiafromgeom.name.endswith("TRUE")
-    for number, body in enumerate(spec.bodies):
-        body.name = body.name or f"body_{number}"
-        states = bool(body.explicitinertial) and not always
-        if states and body.mass < 0:
-            raise ModelError(
-                f"{file.label}, body {body.name}: found the mass {body.mass:g} kg, possible are numbers from 0;"
-                " correct <inertial>."
-            )
-        uses_geometry = not states and (always or automatic) and not file.is_urdf and _moves(body, spec.worldbody)
-        shapes = [geom for geom in body.geoms if uses_geometry and _has_weight(geom)]
-        if any(geom.type.name in ("mjGEOM_MESH", "mjGEOM_SDF", "mjGEOM_HFIELD") for geom in shapes):
-            raise ModelError(
-                f"{file.label}, body {body.name}: found no inertia but that of a mesh, which is"
-                " not read, as a mesh is the hull of a body and not its mass; write <inertial> into the body."
-            )
-        for geom in list(body.geoms):
-            if geom not in shapes:
-                spec.delete(geom)
-        if states and body.mass > 0:
-            continue
-        if body is not spec.worldbody and not shapes and body.name != "world":
-            weightless.add(body.name)
-            if body.joints:
-                body.explicitinertial, body.mass = True, PLACEHOLDER
-                body.inertia = [PLACEHOLDER] * 3
-                body.fullinertia = [float("nan")] * 6
-    for kind in ("keys", "sensors", "actuators", "equalities", "tendons", "pairs", "excludes", "skins", "flexes"):
-        for element in list(getattr(spec, kind)):
-            spec.delete(element)
-    for kind in ("meshes", "hfields", "materials", "textures", "cameras", "lights", "tuples", "numerics", "texts"):
-        for element in list(getattr(spec, kind)):
-            spec.delete(element)
-    spec.compiler.fusestatic = False
-    spec.compiler.inertiafromgeom = type(spec.compiler.inertiafromgeom).mjINERTIAFROMGEOM_AUTO
-    return weightless
-
-
-def _moves(body: Any, world: Any) -> bool:
-    """Whether a joint moves the body."""
-    while body is not None and body.name != world.name:
-        if body.joints:
-            return True
-        body = body.parent
-    return False
-
-
-def _has_weight(geom: Any) -> bool:
-    """Whether MuJoCo would count a shape into its body's mass."""
-    return not (geom.mass == 0 or (np.isnan(geom.mass) and geom.density == 0))
 
 
 def _read_joint(

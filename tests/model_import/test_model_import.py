@@ -154,6 +154,23 @@ def test_a_urdf_is_read_without_its_meshes(tmp_path: Path) -> None:
     assert first["inertia"] == pytest.approx([*np.diag(tensor), 0, 0, 0], abs=1e-12)
 
 
+SENSOR = """<joint name="{at}_camera" type="fixed"><parent link="{at}"/><child link="camera_of_{at}"/>
+  <origin xyz="0.1 0 0"/></joint>
+ <link name="camera_of_{at}"><inertial><mass value="{mass}"/>
+  <inertia ixx="{ixx}" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+
+
+@pytest.mark.parametrize("ixx", ["1e-3", "0"])
+def test_an_impossible_inertia_counts_only_in_the_sum_of_its_link(ixx: str, tmp_path: Path) -> None:
+    base = SENSOR.format(at="root", mass=1e-6, ixx="-1e-8")
+    made = import_model(write(tmp_path, urdf(more=base + SENSOR.format(at="two", mass=0.2, ixx=ixx)), "two.urdf"))
+    second = tomllib.loads(made.text)["joint"][1]
+    assert "counted as stated, though no body has such an inertia: camera_of_root, camera_of_two" in made.notes
+    away = 0.5 * 0.2 / 0.7 * 0.1**2  # kg m², of two masses 0.1 m apart about their centre
+    assert second["mass"] == pytest.approx(0.7)
+    assert second["inertia"][:3] == pytest.approx([0.01 + float(ixx), 0.01 + away, 0.01 + away], rel=1e-9)
+
+
 def link(name: str, mass: float = 1.0) -> str:
     return f'<body name="{name}"><joint name="j_{name}"/><inertial pos="0 0 0" mass="{mass}" diaginertia="1 1 1"/>'
 
@@ -179,8 +196,9 @@ BAD: dict[str, tuple[str, str, str]] = {
     "include missing": ('<mujoco><include file="b.xml"/></mujoco>', "a.xml", "b.xml: "),
     "0 joints": ('<mujoco><worldbody><body name="b"/></worldbody></mujoco>', "a.xml", "found 0 joints between"),
     "13 joints": (chain(13), "a.xml", "found 13 joints between base and tip, possible are 1 to 12"),
-    "negative inertia": (urdf(ixx="-0.02"), "a.urdf", "MuJoCo refuses it"),
-    "triangle": (urdf(ixx="0.05"), "a.urdf", "MuJoCo refuses it"),
+    "negative inertia": (urdf(ixx="-0.02"), "a.urdf", "joint a: found the principal moments -0.02, 0.02, 0.02 kg m²"),
+    "triangle": (urdf(ixx="0.05"), "a.urdf", "joint a: found the principal moments 0.02, 0.02, 0.05 kg m² of one,"),
+    "negative inertia in MJCF": (chain(1).replace('"1 1 1"', '"-1 1 1"'), "a.xml", "MuJoCo refuses it"),
     "massless": (urdf(mass="0", ixx="0"), "a.urdf", "link one behind joint a: found no mass, possible is above 0"),
     "axis of length 0": (chain(1).replace("<joint ", '<joint axis="0 0 0" '), "a.xml", "MuJoCo refuses it"),
     "quaternion 0": (chain(1).replace('name="b0"', 'name="b0" quat="0 0 0 0"'), "a.xml", "MuJoCo "),
@@ -263,6 +281,11 @@ BAD: dict[str, tuple[str, str, str]] = {
         f"<mujoco><worldbody>{link('l')}</body>{link('r')}</body></worldbody></mujoco>",
         "a.xml",
         "found a tree with several tips, possible is one chain; name its end by --tip",
+    ),
+    "two tips behind a fixed link": (
+        f'<mujoco><worldbody><body name="trunk">{link("l")}</body>{link("r")}</body></body></worldbody></mujoco>',
+        "a.xml",
+        "possible is one chain; name its end by --tip, of l, r",
     ),
     "mesh inertia": (
         '<mujoco><asset><mesh name="m" file="m.stl"/></asset><worldbody><body name="b"><joint/>'
