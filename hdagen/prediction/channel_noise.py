@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import get_torque_constant
 from hdagen.log.channel_statistics import compute_channel_statistics
+from hdagen.log.column_map import split_column_name
 from hdagen.log.measured_log import Log
 from hdagen.log.timestamps import compute_timing_noise
 from hdagen.prediction.measurement_model import compute_encoder_noise
@@ -34,7 +34,7 @@ def compute_channel_noise(arm: Arm, log: Log, name: str, rows: NDArray[np.bool_]
     """
     known = _get_stated_noise(arm, name)
     if not known:
-        return measure_shown_noise(log, name, rows)
+        return compute_channel_statistics(name, log[name][rows]).noise
     instants = compute_channel_timing_noise(arm, log, name)[rows]
     return math.hypot(known, float(np.sqrt(np.mean(instants**2))))
 
@@ -55,9 +55,9 @@ def measure_shown_noise(log: Log, name: str, rows: NDArray[np.bool_] | slice = s
     own = compute_channel_statistics(name, log[name][rows]).noise
     if own:
         return own
-    quantity = name.rpartition("_")[0]
-    others = [other for other in log.columns if other != name and re.fullmatch(rf"{re.escape(quantity)}_\d+", other)]
-    like = max((compute_channel_statistics(other, log[other][rows]).noise for other in others), default=0.0)
+    quantity, _ = split_column_name(name) or (name, 0)
+    others = [other for other in log.columns if (split_column_name(other) or (other, 0))[0] == quantity]
+    like = max(compute_channel_statistics(other, log[other][rows]).noise for other in others)
     rounding = float(np.finfo(np.float32).eps * np.abs(log[name][rows]).max(initial=0.0))
     return max(like, rounding, PREDICTION.least_noise)
 

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from replayed import FLEXIBLE, INPUT_EFFECTS, simulated
 
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
 from hdagen.prediction.channel_noise import measure_shown_noise
@@ -45,3 +51,18 @@ def test_only_the_asked_rows_count() -> None:
     later = compute_channel_statistics("joint_position_1", held[TIME >= 1.0]).noise
     assert measure_shown_noise(log, "joint_position_1", TIME >= 1.0) == later > 0
     assert measure_shown_noise(log, "joint_position_1", TIME < 1.0) > 0
+
+
+def test_a_fit_counts_the_errors_of_a_joint_that_stands_in_a_noise_above_0(build: Callable) -> None:
+    arm = Arm(build(FLEXIBLE, "portable", INPUT_EFFECTS).folder)
+    log = simulated(arm)
+    still = {name: np.zeros(len(log)) for name in log.columns if name.endswith("_2")}
+    windows = [
+        cut_windows(arm, LogPortion.all_rows(Log(log.time, {**log.columns, **more}, 2, "made")), 0.05)
+        for more in ({}, still)
+    ]
+    moving, standing = (dict(zip(one.names, one.noise, strict=True)) for one in windows)
+    assert all(standing[name] > 0 for name in standing)
+    assert {name: standing[name] for name in standing if name.endswith("_1")} == {
+        name: moving[name] for name in moving if name.endswith("_1")
+    }

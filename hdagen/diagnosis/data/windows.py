@@ -22,6 +22,7 @@ from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 from hdagen.data_quality.log_repair import split_at_long_gaps
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion, Mask
+from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.column_map import name_command_channel
 from hdagen.log.measured_log import Log
 from hdagen.prediction.channel_noise import compute_channel_noise, compute_channel_timing_noise, measure_shown_noise
@@ -183,7 +184,9 @@ def cut_windows(arm: Arm, seen: LogPortion, window: float) -> WindowedRecord:
                 names.append(name)
                 outputs.append((quantity, j))
     measured = np.stack([log[name] for name in names], 1)
-    noise = np.array([_measure_noise(arm, seen, name, name in driven) for name in names])
+    noise = np.array(
+        [_measure_noise(arm, seen, name, name in driven) or measure_shown_noise(log, name, seen.rows) for name in names]
+    )
     starts = np.union1d(find_window_starts(log.time, window), [first for first, _ in split_at_long_gaps(log.time)])
     ends = np.append(starts[1:], len(log))
     period = log.period
@@ -217,7 +220,7 @@ def _measure_noise(arm: Arm, seen: LogPortion, name: str, driven: bool) -> float
         return compute_channel_noise(arm, seen.log, name, seen.rows)
     if driven:
         return _measure_following_noise(seen.log, name, seen.rows)
-    return measure_shown_noise(seen.log, name, seen.rows)
+    return compute_channel_statistics(name, seen.log[name][seen.rows]).noise
 
 
 def _input_noise(arm: Arm, log: Log) -> Array:
@@ -247,7 +250,7 @@ def _measure_following_noise(log: Log, name: str, shown: Mask) -> float:
     coefficients, _, rank, _ = np.linalg.lstsq(A, log[name][shown], rcond=None)
     left = log[name][shown] - A @ coefficients
     spread = float(np.sqrt(left @ left / max(len(left) - rank, 1)))
-    return max(spread, measure_shown_noise(log, name, shown))
+    return max(spread, compute_channel_statistics(name, log[name][shown]).noise)
 
 
 def measure_usual_torque(arm: Arm, record: WindowedRecord) -> Array:

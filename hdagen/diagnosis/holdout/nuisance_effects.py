@@ -59,8 +59,9 @@ def rank_nuisance_effects(
         """The entry of one candidate, replayed as large as the fit has it, beside the verdict."""
         effect, (arm, _) = candidates.members[atom], verdict.apply_verdict(best.sensitivities.shooting.arm, said)
         parameters = estimate_parameters(best, atom)
-        for name, one in parameters.items():  # of the linear model, which knows no bounds
-            arm.parameters[name] = min(max(one["value"], described[name].low), described[name].high)
+        sizes = {name: (one["value"], described[name]) for name, one in parameters.items()}
+        # the linear model knows no bounds
+        arm.parameters.update({name: min(max(value, q.low), q.high) for name, (value, q) in sizes.items()})
         return {
             "effect": effect.effect,
             "joint": effect.joint,
