@@ -20,8 +20,10 @@ from hdagen.model_export.link_numbers import Frame, LinkBody
 from hdagen.model_import.chain_reduction import Chain, ChainLink, ChainRequest, reduce_tree
 from hdagen.model_import.compiled_tree import Tree, TreeBody, compile_tree
 from hdagen.model_import.model_file import ModelError, read_model_file
+from hdagen.model_import.possible_inertia import is_possible_inertia
 from hdagen.support.messages import show_path, show_value
 
+_MOMENT_ROUNDING = 1e-9  # share of the sum of the others by which a moment may be above it: sums and differences
 SAME_NUMBER = 1e-3  # relative difference up to which model and robot file have the same number
 OTHER_FRAMES = "the model's joints stand elsewhere than the robot file's; import the model by `hdagen robot import`"
 PLANE_ALONE = "a link of the plane has no centre and inertia in space, which the model needs"
@@ -228,8 +230,7 @@ def _find_body(moments: Moments) -> LinkBody | None:
         return None
     center = first / mass
     inertia = second - mass * (center @ center * np.eye(3) - np.outer(center, center))
-    least, middle, most = np.linalg.eigvalsh(inertia)
-    if least <= 0 or most > (least + middle) * (1 + 1e-9):
+    if not is_possible_inertia(inertia, _MOMENT_ROUNDING):
         return None
     return LinkBody(float(mass), tuple(center), _list_entries(inertia))
 

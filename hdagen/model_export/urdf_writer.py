@@ -22,6 +22,7 @@ from hdagen.model_export.number_changes import describe_left_out, list_number_ch
 from hdagen.model_export.urdf_patch import NO_PLACE, patch_urdf
 from hdagen.model_import.compiled_tree import compile_tree
 from hdagen.model_import.model_file import ModelError, read_model_file
+from hdagen.support.messages import join_names, show_path
 
 _HELD_NUMBERS = ("damping", "frictionloss")
 _FAR = 1e6  # rad, m, rad/s or N m, where the robot file states no limit and URDF needs one
@@ -48,7 +49,7 @@ def write(robot: CorrectedRobot, out: Path, into: Path | None = None) -> Exporte
     if into is not None:
         patched = patch_urdf(into, out, before, after)
         with open_model_files(out, patched.files) as written:
-            _check_urdf_reads(written)
+            _check_urdf_reads(written, into)
         return Exported((out,), patched.changes, left_out | patched.left_out, tuple(robot.notes))
     changes = []
     for change in list_number_changes(before, after):
@@ -63,12 +64,18 @@ def write(robot: CorrectedRobot, out: Path, into: Path | None = None) -> Exporte
     return Exported((out,), tuple(changes), left_out, tuple(notes))
 
 
-def _check_urdf_reads(path: Path) -> None:
-    """Refuse a corrected URDF that MuJoCo does not read."""
+def _check_urdf_reads(path: Path, into: Path) -> None:
+    """Refuse a corrected URDF that MuJoCo does not read, or whose bodies have impossible inertias that those of the
+    user's file ``into`` have not."""
     try:
-        compile_tree(read_model_file(path))
+        spoiled = compile_tree(read_model_file(path)).impossible - compile_tree(read_model_file(into)).impossible
     except ModelError as error:
         raise PlantError(f"the corrected {error}") from None
+    if spoiled:
+        raise PlantError(
+            f"the corrected {show_path(into)}: no body has the inertia that link {join_names(sorted(spoiled))} would"
+            " have; write a whole URDF, without --into."
+        )
 
 
 def _list_lost_numbers(numbers: RobotNumbers) -> list[str]:

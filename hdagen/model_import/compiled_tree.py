@@ -104,6 +104,7 @@ class Tree:
         states_gravity: Whether the format states gravity.
         bodies: The bodies.
         notes: Sentences on parts that were left out.
+        impossible: Names of the bodies of a URDF that state an inertia that no body has.
 
     """
 
@@ -112,6 +113,7 @@ class Tree:
     states_gravity: bool
     bodies: tuple[TreeBody, ...]
     notes: tuple[str, ...]
+    impossible: frozenset[str]
 
 
 def compile_tree(file: ModelFile) -> Tree:
@@ -141,7 +143,7 @@ def compile_tree(file: ModelFile) -> Tree:
     tensors = {body.name: _read_tensor(mujoco, body) for body in spec.bodies if body.name}
     try:
         weightless = strip_geometry(spec, file)
-        impossible = replace_impossible_inertias(spec, tensors) if file.is_urdf else set()
+        impossible = replace_impossible_inertias(spec, tensors) - weightless if file.is_urdf else set[str]()
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             model = spec.compile()
@@ -149,11 +151,12 @@ def compile_tree(file: ModelFile) -> Tree:
         raise ModelError(f"{file.label}: MuJoCo refuses it ({_first_line(error)}); correct it there.") from None
     notes += [f"MuJoCo says: {_first_line(one.message)}" for one in told]
     _check_finite(model, file)
-    if counted := sorted(impossible - weightless):
-        notes.append(f"counted as stated, though no body has such an inertia: {join_names(counted)}")
+    if impossible:
+        notes.append(f"counted as stated, though no body has such an inertia: {join_names(sorted(impossible))}")
     parts = _ModelParts(mujoco, model, file, forces, coupled, looped, weightless, impossible, tensors)
     bodies = tuple(_read_body(parts, index) for index in range(model.nbody))
-    return Tree(spec.modelname, model.opt.gravity.copy(), not file.is_urdf, bodies, tuple(notes))
+    gravity = model.opt.gravity.copy()
+    return Tree(spec.modelname, gravity, not file.is_urdf, bodies, tuple(notes), frozenset(impossible))
 
 
 @dataclass(frozen=True)
@@ -184,7 +187,7 @@ def _read_body(parts: _ModelParts, index: int) -> TreeBody:
     inertia = axes @ np.diag(model.body_inertia[index]) @ axes.T * (body.name not in parts.weightless)
     tensor = parts.tensors.get(body.name)
     is_close = tensor is not None and np.allclose(tensor, inertia, 0, TENSOR_ERROR * np.abs(inertia).max())
-    if tensor is not None and (is_close or body.name in parts.impossible - parts.weightless):
+    if tensor is not None and (is_close or body.name in parts.impossible):
         inertia = tensor  # as the file has it
     sites = {
         model.site(k).name: (model.site_pos[k].copy(), _rotation(mujoco, model.site_quat[k]))

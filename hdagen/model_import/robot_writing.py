@@ -12,10 +12,12 @@ import numpy as np
 from hdagen.model_import.chain_reduction import Chain, ChainLink, ChainRequest, reduce_tree
 from hdagen.model_import.compiled_tree import Array, Tree, compile_tree
 from hdagen.model_import.model_file import ModelError, ModelFile, read_model_file
+from hdagen.model_import.possible_inertia import is_possible_inertia
 from hdagen.model_import.step_choice import choose_step
 from hdagen.support.messages import make_printable, show_value
 
 FORBIDDEN_LETTERS = re.compile(r"[^A-Za-z0-9_.-]")
+MOMENT_TOLERANCE = 1e-6  # share of the sum of the others by which a rounded moment may be above it
 RISE_TIME = 0.01  # s, in which a drive reaches its largest torque
 LARGEST_DISTANCE, LARGEST_MASS, LARGEST_INERTIA = 100.0, 1e4, 1e4  # m, kg and kg m²: the ranges of a robot file
 SMOOTHING = 0.01  # rad/s (m/s): the robot file's own default at ratio 1
@@ -64,9 +66,8 @@ def _check_numbers(chain: Chain, file: ModelFile) -> None:
         if not np.isfinite(np.concatenate([np.ravel(part) for part in numbers])).all():
             raise ModelError(f"{where}: found NaN or infinity in its frame or body, possible are numbers; correct it.")
         _check_sizes(where, link)
-        moments = np.linalg.eigvalsh(link.inertia)
-        if moments[0] <= 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-6):
-            shown = ", ".join(f"{moment:.4g}" for moment in moments)
+        if not is_possible_inertia(link.inertia, MOMENT_TOLERANCE):
+            shown = ", ".join(f"{moment:.4g}" for moment in np.linalg.eigvalsh(link.inertia))
             bodies = ", ".join(link.bodies)
             raise ModelError(
                 f"{where}: found the principal moments {shown} kg m² of {bodies}, possible are moments above 0 and"

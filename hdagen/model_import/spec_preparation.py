@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.model_import.model_file import ModelError, ModelFile
+from hdagen.model_import.possible_inertia import is_possible_inertia
 
 PLACEHOLDER = 1e-6  # kg and kg m² of a moving body without mass, which MuJoCo refuses; taken off again
 
@@ -87,8 +88,7 @@ def replace_impossible_inertias(spec: Any, tensors: dict[str, NDArray[np.float64
             tensor = tensors[body.name] = np.zeros((3, 3))  # MuJoCo reads six zeros as none stated
         if tensor is None or not np.isfinite(tensor).all():
             continue
-        least, middle, most = np.linalg.eigvalsh(tensor)
-        if least > 0 and most <= least + middle:
+        if is_possible_inertia(tensor):
             continue
         found.add(body.name)
         body.inertia = [PLACEHOLDER] * 3

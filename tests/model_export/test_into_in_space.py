@@ -15,6 +15,7 @@ from described_arms import describe_arm
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.model_export.corrected_robot import CorrectedRobot
+from hdagen.model_export.mjcf_patch import PatchedModel
 from hdagen.model_export.mjcf_writer import write as write_mjcf
 from hdagen.model_export.urdf_writer import write as write_urdf
 from hdagen.model_import.chain_reduction import ChainRequest
@@ -223,6 +224,26 @@ def test_a_urdf_takes_links_damping_and_friction(model: Path) -> None:
     text = out.read_text()
     assert urdf.read_text() == URDF and "<!-- as its user has it -->" in text and "friction='0.25'" in text
     assert '<origin xyz="0.1 0 0"/><mass value="1.2"/>' in text
+
+
+IMPOSSIBLE = URDF.replace('ixx="0.01" iyy="0.01"', 'ixx="0.001" iyy="0.001"')  # of the link two
+
+
+@pytest.mark.parametrize("before, after, is_refused", [(URDF, IMPOSSIBLE, True), (IMPOSSIBLE, IMPOSSIBLE, False)])
+def test_an_inertia_that_no_body_has_is_written_only_where_the_user_states_it(
+    before: str, after: str, is_refused: bool, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    urdf, out = model.with_name("two.urdf"), model.with_name("new.urdf")
+    robot = correct(urdf, "tool", viscous_friction_1=0.7)
+    urdf.write_text(before)
+    patched = PatchedModel({out: after.encode()}, (), {})
+    monkeypatch.setattr("hdagen.model_export.urdf_writer.patch_urdf", lambda *_: patched)
+    if not is_refused:
+        write_urdf(robot, out, into=urdf)
+        return
+    with pytest.raises(PlantError, match="no body has the inertia that link two would have; write a whole URDF"):
+        write_urdf(robot, out, into=urdf)
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(
