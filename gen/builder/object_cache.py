@@ -14,7 +14,7 @@ from pathlib import Path
 
 from gen.builder.ownership import find_other_writer
 
-MOST_OBJECTS = 512  # objects that are kept, those used last
+MOST_OBJECTS = 1024  # objects that are kept, those used last; some 30 MB
 PARTIAL_OBJECT_PREFIX = ".part-"  # begins the name of one that is being written
 
 
