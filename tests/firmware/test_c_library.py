@@ -241,7 +241,7 @@ def test_cmake_builds_the_example_and_it_steps_as_python_does(
 def test_the_example_harms_no_memory(sources: Sources, tmp_path: Path) -> None:
     folder = sources("R", "portable")
     files = [name for name in c_files(folder) if not name.startswith("hda_python")]
-    command = [compiler("gcc"), "-std=c99", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    command = [compiler("gcc"), "-std=c99", "-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     run([*command, *files, "-o", str(tmp_path / "example"), "-lm"], folder)
     tips = printed_tips(run([str(tmp_path / "example")], tmp_path))
     assert np.isfinite(tips).all()
