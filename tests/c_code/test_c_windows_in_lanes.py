@@ -12,7 +12,7 @@ from compiled import Compiled, Floats
 from test_step import bristles
 
 Builder = Callable[..., Compiled]
-MEMORY = ("presliding_friction", "transmission_hysteresis")
+MEMORY = ("kinematic_error", "presliding_friction", "rotor_coupling", "transmission_hysteresis")
 ROBOTS = {
     "flexible": ("paper", MEMORY),
     "rigid": (SMALL, ()),
