@@ -14,12 +14,14 @@ import pytest
 from chromium import close_browser
 from compiled import Compiled, load
 from cpu_times import CpuTimes
+from generator_in_process import find_or_run_generator
 from kept_builds import find_builds, remove_old_builds
 from replayed import FLEXIBLE, simulated
 from uncompiled import find_settings, load_uncompiled
 
 from gen.builder.build import build_robot as make
 from hdagen.adoption import robot_update, verdict
+from hdagen.arm import build_loader
 from hdagen.arm.compiled_arm import Arm
 from hdagen.log.measured_log import Log
 from hdagen.paper.prototype.virtual_prototype import PROTOTYPE, TABLE_1, Bench
@@ -67,9 +69,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(scope="session", autouse=True)
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A cache of the session's own, which workers share; what a command or a test builds lies with all other builds."""
+    """A cache of the session's own, which workers share; what a command or a test builds lies with all other builds,
+    and what lies there is found without a child process."""
     out = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build_loader, "run_generator", find_or_run_generator)
         patch.setenv("HDAGEN_BUILD", str(find_builds()))
         patch.setenv("XDG_CACHE_HOME", str((out.parent if "PYTEST_XDIST_WORKER" in os.environ else out) / "cache"))
         yield

@@ -10,7 +10,7 @@ import pytest
 from compiled import EXACT, Compiled
 
 Builder = Callable[..., Compiled]
-MEMORY = ("presliding_friction", "transmission_hysteresis")
+MEMORY = ("kinematic_error", "presliding_friction", "rotor_coupling", "transmission_hysteresis")
 
 
 def motion(arm: Compiled, rows: int) -> np.ndarray:

@@ -14,6 +14,7 @@ import pytest
 from damage import LESSENED, MENDED, REFUSED, changed, cut, dropped, holes, kept, later, sparse, stuck, times, without
 from real_examples import EXAMPLES, recorded, run
 from replayed import FLEXIBLE, JOINT, NOISE, SENSORS
+from uncompiled import load_uncompiled
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.data_quality.log_preparation import prepare_logs
@@ -168,12 +169,18 @@ def test_another_robot_s_file_is_refused(good: Log, build: Callable) -> None:
         (FLEXIBLE.replace("ratio = 100.0", "ratio = 50.0"), "the robot file states the ratio 50"),
         (FLEXIBLE.replace("torque_constant = 0.05", "torque_constant = 0.5"), "times the inertia of joint"),
         (FLEXIBLE.replace("motor_inertia = 0.00", "motor_inertia = 0.0"), "times the inertia of joint"),
-        (arms.SMALL, "the log has 2 joint"),
-        (arms.CHAINS["RPR"], "the log has 2 joint"),
     ):
         assert text != FLEXIBLE
         with pytest.raises(LogError, match=words):
             repair_log(good, Arm(build(text).folder))
+
+
+@pytest.mark.parametrize("text", [arms.SMALL, arms.CHAINS["RPR"]], ids=["1", "3"])
+def test_a_robot_with_another_number_of_joints_is_refused(good: Log, text: str, tmp_path: Path) -> None:
+    robot = tmp_path / "robot.toml"
+    robot.write_text(text)
+    with pytest.raises(LogError, match="the log has 2 joint"):
+        repair_log(good, load_uncompiled(robot))
 
 
 def test_an_effect_is_not_taken_for_a_mistake(good: Log, arm: Arm) -> None:

@@ -105,7 +105,7 @@ def test_a_unit_is_valid_and_moves_as_the_simulation_does(
 
 
 def test_an_arm_in_space_has_force_and_moment_on_its_tip(build: Callable[..., Any], tmp_path: Path) -> None:
-    arm = Arm(build(chain("RP", 1)).folder)
+    arm = Arm(build(chain("RR", 3)).folder)  # as other tests
     fmu_writer.write(CorrectedRobot("space", arm, arm), tmp_path / "arm.fmu")
     assert validate_fmu(str(tmp_path / "arm.fmu")) == []
     count, held = 50, {"tip_force_z": 3.0, "tip_moment_x": -0.5}

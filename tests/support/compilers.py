@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
-SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
+SANITIZED = ("-O0", "-g", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
 NARROW = ("-O2", "-m32", "-msse2", "-mfpmath=sse")
 COMPILERS = {
     "gcc": ("gcc", "-O2"),
