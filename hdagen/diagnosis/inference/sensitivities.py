@@ -120,7 +120,10 @@ class Sensitivities:
     @cached_property
     def cross_products(self) -> CrossProducts:
         """Cross products of the columns."""
-        products = np.stack([self.columns[:, part] @ self.columns[:, part].T for part in self.window_slices])
+        count = len(self.columns)
+        products = np.empty((len(self.window_edges) - 1, count, count))
+        for one, part in zip(products, self.window_slices, strict=True):
+            np.matmul(self.columns[:, part], self.columns[:, part].T, out=one)
         return CrossProducts(products, self.shooting.m, self.k)
 
     def without_columns(self) -> Sensitivities:
