@@ -126,6 +126,11 @@ class Sensitivities:
             np.matmul(self.columns[:, part], self.columns[:, part].T, out=one)
         return CrossProducts(products, self.shooting.m, self.k)
 
+    def drop_products(self) -> None:
+        """Drop the cross products, which take more memory than the columns that they can be computed from again."""
+        for name in ("cross_products", "_products"):
+            self.__dict__.pop(name, None)
+
     def without_columns(self) -> Sensitivities:
         """Return the candidates and the point alone: all that a hypothesis needs once it is not fitted any more."""
         return Sensitivities(
