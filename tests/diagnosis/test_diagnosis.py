@@ -112,7 +112,7 @@ def test_the_most_probable_within_bounds_is_that_of_bounded_least_squares(seed: 
     linear, _, _, _, many = problem(rng)
     reduced, prior, kappa2 = linear.normal_equations(0.3), rng.uniform(0.1, 1.0, many), rng.uniform(1.0, 9.0, 3)
     low, high = np.array([-np.inf, -0.01, 0.0, 0.0]), np.array([0.0, 0.01, np.inf, 0.0])
-    H = (reduced.N / kappa2[:, None, None]).sum(0) + np.diag(1.0 / prior**2)
+    H = (reduced.products.dense / kappa2[:, None, None]).sum(0) + np.diag(1.0 / prior**2)
     root, sought = np.linalg.cholesky(H).T, (reduced.b / kappa2[:, None]).sum(0)
     truth = scipy.optimize.lsq_linear(root, np.linalg.solve(root.T, sought), (low - 1e-12, high + 1e-12), tol=1e-14).x
     at = solve_at_scales(reduced, prior, 0.3, kappa2, (low, high))

@@ -119,9 +119,8 @@ def test_of_a_measured_input_no_effect_of_commands_is_asked(build: Callable) -> 
     late[list(arm.parameters.described).index("command_delay_1")] = 5e-3
     shooting = MultipleShooting(arm, seen)
     inputs = np.empty((len(log), arm.nu))
-    shooting._fill_inputs(
-        arm.with_parameters(late), Rollout(late, shooting.measured_initial_states(late)), slice(None), inputs
-    )
+    lane = Rollout(late, shooting.measured_initial_states(late))
+    shooting._fill_inputs(shooting._prepare_lane(lane), slice(None), inputs)
     assert np.array_equal(inputs[:, 0], seen.command[:, 0])
 
 

@@ -47,20 +47,20 @@ class ResidualBatch:
             Log evidence (B).
 
         """
-        spectrum, N = self.cross_products.eliminated_states, self.cross_products.reduced_products(s)
+        spectrum, products = self.cross_products.eliminated_states, self.cross_products.dense_products(s)
         b, c = spectrum.eliminate_torques(spectrum.project(self.z.transpose(1, 2, 0)), self.r2.T, s)
         windows, P = b.shape[:2]
         freedom, logdet = self.cross_products.degrees_of_freedom(self.rows), spectrum.log_determinant(s)
 
         def scales(theta: Array, of: np.ndarray) -> Array:
             """κ² (W, A) of some at θ (P, A)."""
-            return compute_window_scales(compute_misfit(N, b[..., of], c[:, of], theta), freedom[:, None])
+            return compute_window_scales(compute_misfit(products, b[..., of], c[:, of], theta), freedom[:, None])
 
         found, still = np.empty(len(self.z)), np.arange(len(self.z))
         kappa2 = scales(self.theta.T, still)
         for _ in range(LIKELIHOOD.most_reweightings):
             weight, log = 1.0 / kappa2, logdet + freedom @ np.log(kappa2)
-            H = (weight.T @ N.reshape(windows, -1)).reshape(-1, P, P)
+            H = (weight.T @ products.whole.reshape(windows, -1)).reshape(-1, P, P)
             projections, squares = np.einsum("wa,wpa->ap", weight, b[..., still]), (weight * c[:, still]).sum(0)
             means = np.empty((P, len(still)))
             for place, (k, *summed) in enumerate(

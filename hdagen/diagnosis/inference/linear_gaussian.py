@@ -27,6 +27,50 @@ ROUNDING_FLOOR = 1e-12  # of terms that cancel: the rounding error of their sum
 
 
 @dataclass(frozen=True, eq=False)
+class ReducedProducts:
+    """J'CJ of each window (W, P, P): ``whole`` (W, P, P) less ``taken``'``taken``, ``taken`` (W, k, P) is small.
+    The difference itself would fill as much memory for each size of the torques as ``whole`` does."""
+
+    whole: Array
+    taken: Array
+
+    @classmethod
+    def from_whole(cls, whole: Array) -> ReducedProducts:
+        """Return products (W, P, P) of which nothing is taken."""
+        return cls(whole, np.empty((len(whole), 0, whole.shape[2])))
+
+    @property
+    def dense(self) -> Array:
+        """The products (W, P, P) as one array."""
+        if not self.taken.size:
+            return self.whole
+        return _subtract_squares(self.whole, self.taken)
+
+    def multiply(self, theta: Array) -> Array:
+        """Return J'CJ θ (W, P, B) by one large product instead of a small one for each window.
+
+        Args:
+            theta: θ (P, B).
+
+        """
+        windows, k, P = self.taken.shape
+        found = (self.whole.reshape(-1, P) @ theta).reshape(windows, P, -1)
+        if k:
+            found -= self.taken.swapaxes(1, 2) @ (self.taken.reshape(-1, P) @ theta).reshape(windows, k, -1)
+        return np.asarray(found)
+
+    def sum_windows(self, weight: Array) -> Array:
+        """Return the weighted sum over all windows (P, P).
+
+        Args:
+            weight: of each window (W).
+
+        """
+        rows = (self.taken * np.sqrt(weight)[:, None, None]).reshape(-1, self.taken.shape[2])
+        return np.asarray(np.tensordot(weight, self.whole, 1) - rows.T @ rows)
+
+
+@dataclass(frozen=True, eq=False)
 class EliminatedStates:
     """Initial states eliminated, and torques rotated into eigenvectors window by window, so that any size s of theirs
     costs a product.
@@ -98,16 +142,16 @@ class EliminatedStates:
         weighted = turned * self.torque_variances(s)[..., None]
         return own - self.cross.swapaxes(1, 2) @ weighted, r2 - (first**2).sum(1) - (turned * weighted).sum(1)
 
-    def reduced_products(self, s: float) -> Array:
-        """Return J'CJ (W, P, P) with the torques eliminated, too.
+    def reduced_products(self, s: float) -> ReducedProducts:
+        """Return J'CJ with the torques eliminated, too.
 
         Args:
             s: prior standard deviation of the torques.
 
         """
         if s == 0.0:
-            return self.N
-        return _subtract_squares(self.N, self.cross * np.sqrt(self.torque_variances(s))[..., None])
+            return ReducedProducts.from_whole(self.N)
+        return ReducedProducts(self.N, self.cross * np.sqrt(self.torque_variances(s))[..., None])
 
 
 def _subtract_squares(products: Array, of: Array) -> Array:
@@ -123,7 +167,7 @@ class CrossProducts:
     products: Array
     m: int
     k: int
-    reduced_cache: dict[float, Array] = field(default_factory=dict)
+    dense_cache: dict[float, ReducedProducts] = field(default_factory=dict)
 
     def take_columns(self, columns: Sequence[int]) -> Array:
         """Return the products of some columns (W, c, c). They are copied in the order of memory: an index of lists
@@ -154,30 +198,31 @@ class CrossProducts:
 
     def drop_caches(self) -> None:
         """Drop all that can be computed again from the products: it is several times as large."""
-        self.reduced_cache.clear()
+        self.dense_cache.clear()
         self.__dict__.pop("eliminated_states", None)
 
-    def reduced_products(self, s: float) -> Array:
-        """Return J'CJ (W, P, P); the last two results are kept.
+    def dense_products(self, s: float) -> ReducedProducts:
+        """Return J'CJ as one array, for many residuals; the last two results are kept.
 
         Args:
             s: prior standard deviation of the torques.
 
         """
-        found = self.reduced_cache.get(s)
+        found = self.dense_cache.get(s)
         if found is None:
-            for old in list(self.reduced_cache)[:-1]:
-                self.reduced_cache.pop(old, None)
-            self.reduced_cache[s] = found = self.eliminated_states.reduced_products(s)
+            for old in list(self.dense_cache)[:-1]:
+                self.dense_cache.pop(old, None)
+            found = ReducedProducts.from_whole(self.eliminated_states.reduced_products(s).dense)
+            self.dense_cache[s] = found
         return found
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of each window for θ: J'CJ (W, P, P), J'Cr (W, P), r'Cr (W), degrees of freedom (W); the log
-    determinant of all; the temperature of the likelihood."""
+    """Normal equations of each window for θ: J'CJ, J'Cr (W, P), r'Cr (W), degrees of freedom (W); the log determinant
+    of all; the temperature of the likelihood."""
 
-    N: Array
+    products: ReducedProducts
     b: Array
     c: Array
     log_determinant: float
@@ -191,12 +236,8 @@ class NormalEquations:
             center: the center (P).
 
         """
-        N = self._multiply_products(center)
-        return replace(self, b=self.b - N, c=self.c + (N - 2 * self.b) @ center)
-
-    def _multiply_products(self, theta: Array) -> Array:
-        """Return J'CJ θ (W, P) by one large product instead of a small one for each window."""
-        return np.asarray((self.N.reshape(-1, len(theta)) @ theta).reshape(self.b.shape))
+        moved = self.products.multiply(center[:, None])[..., 0]
+        return replace(self, b=self.b - moved, c=self.c + (moved - 2 * self.b) @ center)
 
     def sum_windows(self, kappa2: Array) -> TotalNormalEquations:
         """Return the sum over all windows.
@@ -207,7 +248,7 @@ class NormalEquations:
         """
         weight = 1.0 / kappa2
         log = self.log_determinant + float(self.degrees_of_freedom @ np.log(kappa2))
-        return TotalNormalEquations(np.tensordot(weight, self.N, 1), weight @ self.b, float(weight @ self.c), log)
+        return TotalNormalEquations(self.products.sum_windows(weight), weight @ self.b, float(weight @ self.c), log)
 
     def chi2(self, theta: Array) -> Array:
         """Return the misfit of each window (W), in units of noise, squared; at least the rounding error of its terms.
@@ -216,7 +257,7 @@ class NormalEquations:
             theta: θ (P).
 
         """
-        return compute_misfit(self.N, self.b[..., None], self.c[:, None], theta[:, None])[:, 0]
+        return compute_misfit(self.products, self.b[..., None], self.c[:, None], theta[:, None])[:, 0]
 
     def window_scales(self, theta: Array) -> Array:
         """Return κ² of each window (W): 1, or a power of its misfit beyond chance. With a higher power a model would
@@ -264,19 +305,19 @@ class NormalEquations:
         return likelihood / self.temperature + float((theta**2 / prior**2).sum())
 
 
-def compute_misfit(N: Array, b: Array, c: Array, theta: Array) -> Array:
+def compute_misfit(products: ReducedProducts, b: Array, c: Array, theta: Array) -> Array:
     """Return the misfit (W, B) of residuals with the same columns, each at its own θ, as `NormalEquations.chi2` does
     for one.
 
     Args:
-        N: J'CJ (W, P, P).
+        products: J'CJ.
         b: J'Cr (W, P, B).
         c: r'Cr (W, B).
         theta: θ (P, B).
 
     """
     projection = np.einsum("wpb,pb->wb", b, theta)
-    own = np.einsum("wpb,pb->wb", (N.reshape(-1, len(theta)) @ theta).reshape(b.shape), theta)
+    own = np.einsum("wpb,pb->wb", products.multiply(theta), theta)
     rounded = ROUNDING_FLOOR * (np.abs(c) + 2 * np.abs(projection) + np.abs(own))
     return np.asarray(np.maximum(c - 2 * projection + own, rounded))
 

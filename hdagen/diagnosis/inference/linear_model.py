@@ -59,7 +59,7 @@ class LinearModel:
             b, c = e.eliminate_torques(self._projections, self.r2[:, None], s)
             self.residual_cache[s] = b[..., 0], c[:, 0]
         return NormalEquations(
-            self.cross_products.reduced_products(s),
+            e.reduced_products(s),
             *self.residual_cache[s],
             e.log_determinant(s),
             self.cross_products.degrees_of_freedom(self.rows),

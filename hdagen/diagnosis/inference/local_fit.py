@@ -193,18 +193,22 @@ def start_fit(
         start: where to linearize again; default: the point of ``at``, with the shapes of the hypothesis.
 
     Returns:
-        The fit before its first step.
+        The fit before its first step, without cross products until its turn.
 
     """
     if start is not None:
-        return start_fit_at(at.shooting, words, atoms, start, near)
+        begun = start_fit_at(at.shooting, words, atoms, start, near)
+        begun.sensitivities.drop_products()
+        return begun
     own = select_columns(at, words.columns_for(atoms))
     p = at.point.p.copy()
     for k in atoms:
         words.members[k].apply_shapes(at.shooting.arm, p)
     if not np.array_equal(p, at.point.p):
         own.point = OperatingPoint(p, at.point.initial_states)
-    return _score_fit(own, atoms, near)
+    begun = _score_fit(own, atoms, near)
+    own.drop_products()
+    return begun
 
 
 def restore_columns(fit: Fit, words: CandidateSet) -> Fit:

@@ -35,7 +35,7 @@ from hdagen.diagnosis.data.required_torque import compute_required_torque
 from hdagen.diagnosis.data.split import Mask
 from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
-from hdagen.diagnosis.inference.rollout import Rollout, WindowSchedule
+from hdagen.diagnosis.inference.rollout import PreparedRollout, Rollout, WindowSchedule
 from hdagen.diagnosis.inference.rollout_workspace import Workspace
 from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.prediction.measurement_model import (
@@ -142,9 +142,10 @@ class MultipleShooting:
             Readings (S, M), and the effects' own states (K, nx − m) at which the selected windows begin.
 
         """
+        ready = self._prepare_lane(lane)
         with self._borrow_workspace() as seat:
-            x = self._integrate_group(seat, [lane])[0]
-            return self._read_channels(lane, x), x[self.begins, self.m :].copy()
+            x = self._integrate_group(seat, [ready])[0]
+            return self._read_channels(ready, x), x[self.begins, self.m :].copy()
 
     def predict_near(self, base: Rollout, lanes: Sequence[Rollout]) -> list[Array]:
         """Predict the readings of lanes near one whose memory is known. A lane with the same parameters of effects with
@@ -215,7 +216,7 @@ class MultipleShooting:
 
         """
         with self._borrow_workspace() as seat:
-            return self._integrate_group(seat, [lane])[0].copy()
+            return self._integrate_group(seat, [self._prepare_lane(lane)])[0].copy()
 
     def measured_initial_states(self, p: Array) -> Array:
         """Read the initial states from the sensors. No spring begins with more torsion than it bears.
@@ -252,13 +253,19 @@ class MultipleShooting:
 
     def _run_group(self, lanes: Sequence[Rollout]) -> list[Array]:
         """Predict the readings (S, M) of each lane of a group."""
+        group = [self._prepare_lane(lane) for lane in lanes]
         with self._borrow_workspace() as seat:
-            return [
-                self._read_channels(lane, x) for lane, x in zip(lanes, self._integrate_group(seat, lanes), strict=True)
-            ]
+            states = self._integrate_group(seat, group)
+            return [self._read_channels(one, x) for one, x in zip(group, states, strict=True)]
 
-    def _integrate_group(self, seat: Workspace, lanes: Sequence[Rollout]) -> list[Array]:
+    def _prepare_lane(self, lane: Rollout) -> PreparedRollout:
+        """Prepare the arm and the inputs of a lane."""
+        arm = self._arm_with(lane.p)
+        return PreparedRollout(lane, arm, *self._effective_inputs(arm))
+
+    def _integrate_group(self, seat: Workspace, group: Sequence[PreparedRollout]) -> list[Array]:
         """Simulate the states (R, nx) of each lane of a group."""
+        lanes = [one.lane for one in group]
         many, course, memory, jump = len(lanes), self.all_windows, None, None
         if not self._has_unknown_memory(lanes[0]):
             course, memory = self.selected_windows, np.stack([self._memory_of(lane) for lane in lanes])
@@ -266,10 +273,9 @@ class MultipleShooting:
         steps = self.steps[course.rows]
         if lanes[0].impulse is not None:
             jump = np.zeros((many, course.row_count, self.arm.nx))
-        for k, lane in enumerate(lanes):
-            arm = self._arm_with(lane.p)
-            seat.constants[k] = arm.c
-            self._fill_inputs(arm, lane, course.rows, inputs[k])
+        for k, (one, lane) in enumerate(zip(group, lanes, strict=True)):
+            seat.constants[k] = one.arm.c
+            self._fill_inputs(one, course.rows, inputs[k])
             if jump is not None and lane.impulse is not None:
                 kicked = np.einsum("tij,tj->ti", self.inverse_mass_matrix[course.rows], lane.impulse[course.rows])
                 jump[k][:, self.joint_speed_indices] = kicked
@@ -300,24 +306,24 @@ class MultipleShooting:
             self.input_cache[key] = found
         return found
 
-    def _fill_inputs(self, arm: Arm, lane: Rollout, rows: Rows | slice, inputs: Array) -> None:
-        """Write the effective inputs of a lane into ``inputs`` (rows, nu); the arm has the lane's parameters."""
-        n = arm.n
+    def _fill_inputs(self, ready: PreparedRollout, rows: Rows | slice, inputs: Array) -> None:
+        """Write the effective inputs of a lane into ``inputs`` (rows, nu)."""
+        n = self.arm.n
         inputs[:] = _take_rows(self.record.command, rows)
-        inputs[:, :n] = _take_rows(self._effective_inputs(arm)[0], rows)
-        if lane.torque is not None:
-            inputs[:, :n] += lane.torque[rows] / self.gains
+        inputs[:, :n] = _take_rows(ready.inputs, rows)
+        if ready.lane.torque is not None:
+            inputs[:, :n] += ready.lane.torque[rows] / self.gains
 
-    def _read_channels(self, lane: Rollout, x: Array) -> Array:
+    def _read_channels(self, ready: PreparedRollout, x: Array) -> Array:
         """Compute the readings (S, M) of a lane from its states ``x`` (R, nx)."""
-        arm = self._arm_with(lane.p)
+        lane, arm = ready.lane, ready.arm
         if {quantity for quantity, _ in self.record.outputs} <= DRIVE_AND_POSITION_QUANTITIES:
             readings = delayed_sensors.read_positions(arm, self.path, x)
         else:
             inputs = np.empty((len(x), arm.nu))
-            self._fill_inputs(arm, lane, self.rows, inputs)
+            self._fill_inputs(ready, self.rows, inputs)
             readings = delayed_sensors.read_sensors(arm, self.path.time, x, inputs, self.begins)
-        acted, samples = self._effective_inputs(arm)[1], np.empty((len(self.sampled_states), len(self.record.outputs)))
+        acted, samples = ready.input_readings, np.empty((len(self.sampled_states), len(self.record.outputs)))
         for k, (quantity, j) in enumerate(self.record.outputs):
             if quantity in DRIVE_QUANTITIES:
                 samples[:, k] = acted[:, j - 1].take(self.sampled_rows)

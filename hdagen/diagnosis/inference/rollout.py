@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.prediction.measurement_model import Rows
 
@@ -25,6 +26,16 @@ class Rollout:
     torque: Array | None = None
     impulse: Array | None = None
     memory: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedRollout:
+    """A simulation with its arm, and the commands' effective inputs and readings of them (T, n each)."""
+
+    lane: Rollout
+    arm: Arm
+    inputs: Array
+    input_readings: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,8 +120,16 @@ class Sensitivities:
     @cached_property
     def cross_products(self) -> CrossProducts:
         """Cross products of the columns."""
-        products = np.stack([self.columns[:, part] @ self.columns[:, part].T for part in self.window_slices])
+        count = len(self.columns)
+        products = np.empty((len(self.window_edges) - 1, count, count))
+        for one, part in zip(products, self.window_slices, strict=True):
+            np.matmul(self.columns[:, part], self.columns[:, part].T, out=one)
         return CrossProducts(products, self.shooting.m, self.k)
+
+    def drop_products(self) -> None:
+        """Drop the cross products, which take more memory than the columns that they can be computed from again."""
+        for name in ("cross_products", "_products"):
+            self.__dict__.pop(name, None)
 
     def without_columns(self) -> Sensitivities:
         """Return the candidates and the point alone: all that a hypothesis needs once it is not fitted any more."""

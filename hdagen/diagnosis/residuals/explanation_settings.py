@@ -60,6 +60,7 @@ class ExplanationSettings:
     contradicting_ratio: float = declare_setting(
         2.0, "ratio of slopes", "from here a plot contradicts the effect that it shows: half or twice is another effect"
     )
+    most_cached_inputs: int = declare_setting(4, "inputs", "inputs that are kept for other parameters: memory")
 
 
 EXPLANATION = ExplanationSettings()

@@ -11,7 +11,8 @@ torsion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.diagnosis.residuals.explanation_settings import EXPLANATION
 from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
 from hdagen.prediction.driving_inputs import compute_effective_inputs, read_driving_inputs
-from hdagen.prediction.measurement_model import Readings, undo_sensor_effects
+from hdagen.prediction.measurement_model import Readings, find_parameter_indices, undo_sensor_effects
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,7 @@ class TorqueBalance:
     """The torques of a model along a measured ``motion``, under any of its parameters."""
 
     motion: MeasuredMotion
+    input_cache: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
 
     def states(self, p: Array) -> Array:
         """Convert the readings into states.
@@ -62,16 +64,31 @@ class TorqueBalance:
             p: parameters (np).
 
         Returns:
-            Inputs (K, nu).
+            Inputs (K, nu). They are kept for other parameters that change no effect on inputs.
 
         """
-        arm = self.motion.arm.with_parameters(p)
-        given, _ = read_driving_inputs(arm, self.motion.log, "measured")
-        acting, _ = compute_effective_inputs(arm, self.motion.log, given, "measured")
-        acting = acting.copy()
-        n = self.motion.n
-        acting[1:, :n] = (acting[1:, :n] + acting[:-1, :n]) / 2
-        return np.stack([self.motion.on_grid(column) for column in acting.T], 1)
+        key = p[self._input_parameters].tobytes()
+        found = self.input_cache.get(key)  # threads share it
+        if found is None:
+            arm, n = self.motion.arm.with_parameters(p), self.motion.n
+            acting = compute_effective_inputs(arm, self.motion.log, self._driving_inputs, "measured")[0].copy()
+            acting[1:, :n] = (acting[1:, :n] + acting[:-1, :n]) / 2
+            found = np.stack([self.motion.on_grid(column) for column in acting.T], 1)
+            if len(self.input_cache) >= EXPLANATION.most_cached_inputs:
+                self.input_cache.clear()
+            self.input_cache[key] = found
+        return found
+
+    @cached_property
+    def _driving_inputs(self) -> Array:
+        """The measured inputs (T, nu), whatever the parameters."""
+        return read_driving_inputs(self.motion.arm, self.motion.log, "measured")[0]
+
+    @cached_property
+    def _input_parameters(self) -> list[int]:
+        """The parameters of effects on inputs."""
+        effects = (one for one in self.motion.arm.manifest["effects"] if one["place"] == "input")
+        return find_parameter_indices(self.motion.arm, effects, "amplitudes", "shapes")
 
     def simulate_inputs(self, p: Array) -> tuple[Array, Array]:
         """Simulate the inputs from the commands, row by row.
@@ -149,14 +166,15 @@ class TorqueBalance:
 
     def _whole_joint_residual(self, p: Array) -> Array:
         """Compute the residual torque of whole joints, at the motor."""
-        given = self.inputs(p)[:, : self.motion.n] * compute_torque_per_input(self.motion.arm.with_parameters(p))
-        found = self.motion.smooth(self._inverse_dynamics(p)["motor_torque"] - given)
+        inputs = self.inputs(p)
+        given = inputs[:, : self.motion.n] * compute_torque_per_input(self.motion.arm.with_parameters(p))
+        found = self.motion.smooth(self._inverse_dynamics(p, inputs)["motor_torque"] - given)
         return np.where(self.motion.direction == 0, 0.0, found)  # friction that holds a joint at rest is unknown
 
-    def _inverse_dynamics(self, p: Array) -> dict[str, Array]:
-        """Compute the inverse dynamics of the measured motion under parameters ``p``, unfiltered."""
+    def _inverse_dynamics(self, p: Array, inputs: Array) -> dict[str, Array]:
+        """Compute the inverse dynamics of the measured motion under parameters ``p`` and inputs (K, nu), unfiltered."""
         q, v = self._joint_motion(self.states(p))
-        force = self.inputs(p)[:, self.motion.n :]
+        force = inputs[:, self.motion.n :]
         return self.motion.arm.with_parameters(p).evaluate(
             "inverse_dynamics", q=q, v=v, a=self.motion.acceleration[1], tip_force=force
         )
@@ -226,7 +244,7 @@ class TorqueBalance:
             Torque (K, n), N m, smoothed.
 
         """
-        return self.motion.smooth(self._inverse_dynamics(p)["joint_torque"])
+        return self.motion.smooth(self._inverse_dynamics(p, self.inputs(p))["joint_torque"])
 
     def spring_stiffness(self, p: Array) -> Array:
         """Compute the stiffness of the springs under that torque.

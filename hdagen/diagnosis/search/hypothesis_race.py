@@ -183,7 +183,9 @@ def _advance_in_time(words: CandidateSet, when: str, is_first: bool, fit: Fit) -
         part, names = "fits of sets of effects", ()
     if is_first and fit.effects and budget.is_left_out(part, names):
         return None
-    return advance_with_note(words, when, fit)
+    moved = advance_with_note(words, when, fit)
+    moved.sensitivities.drop_products()  # until the fit's next turn
+    return moved
 
 
 def _keep_promising(fits: list[Fit], share: float, most: int) -> tuple[list[Fit], list[Fit]]:

@@ -106,6 +106,7 @@ def search_hypotheses(shooting: MultipleShooting, words: CandidateSet, on_stage:
         field += begin_sets(regression, at, none.posterior.s)
     if len(numbers := choose_wrong_numbers(field[0])) > 1:
         field.append(start_fit(at, words, numbers, none.posterior.s))
+    at.drop_products()
     fits = run_races(at, words, field, on_stage)
     if regression and not shooting.budget.is_left_out("ordinary frictions in place of the leading ones"):
         fits = drop_columns(sort_by_evidence([*fits, *fit_ordinary_frictions(regression, at, words, fits)]))

@@ -14,7 +14,7 @@ from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
 from hdagen.diagnosis.inference.fit_settings import FIT
 from hdagen.diagnosis.inference.fit_steps import advance_fit
-from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, NormalEquations
+from hdagen.diagnosis.inference.linear_gaussian import CrossProducts, NormalEquations, ReducedProducts
 from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.inference.marginal_likelihood import (
@@ -176,7 +176,7 @@ class Runner(SimpleNamespace):
     """A fit that stands, with nothing to let go of."""
 
     has_columns, has_converged, misfit_temperature, noise_only_evidence = True, True, 1.0, 0.0
-    sensitivities = SimpleNamespace(shooting=UNLIMITED)
+    sensitivities = SimpleNamespace(shooting=UNLIMITED, drop_products=lambda: None)
 
     def without_columns(self) -> Any:
         return self
@@ -323,7 +323,7 @@ def test_what_rounding_leaves_is_no_evidence() -> None:
     wild = np.stack([a.T @ a for a in rng.normal(size=(40, 60, 3)) * [1e12, 1e12, 1.0]])
     theta = np.array([1e3, -1e3, 0.0])
     b = wild @ theta
-    reduced = NormalEquations(wild, b, b @ theta * (1.0 - 1e-15), 0.0, np.full(40, 58))
+    reduced = NormalEquations(ReducedProducts.from_whole(wild), b, b @ theta * (1.0 - 1e-15), 0.0, np.full(40, 58))
     assert reduced.chi2(theta).min() > 1e12
     for bounds in (None, (np.full(3, -1.0), np.full(3, 1.0))):
         assert apply_laplace(
