@@ -28,9 +28,7 @@ class InputCheckSettings:
         0.3, "correlation", "below it, input and inertial torque determine nothing of each other"
     )
     rotor_misfit_ratio: float = declare_setting(
-        1.5,
-        "of the misfit",
-        "more than several times the inertia leave: then no rotor that the file lacks is behind it",
+        1.5, "of the misfit", "more than the inertia times a factor leaves: then the file does not just lack a rotor"
     )
     milli_tolerance: float = declare_setting(3.0, "ratio", "a scale so near to 1000 counts as that of thousandths")
     driven_torque_ratio: float = declare_setting(
