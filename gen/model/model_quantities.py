@@ -12,10 +12,17 @@ from gen.model.harmonic_drive import SPRING_SPREAD
 from gen.robot import typical_loads
 from gen.robot.description import Robot, SpatialLink, Value
 from gen.robot.gear_catalogue import SPRING_KEYS
-from gen.robot.model_parameters import AXES, SPACE_ENTRIES, ParameterValue, list_parameters
+from gen.robot.model_parameters import (
+    AXES,
+    LARGEST_INERTIAL_FACTOR,
+    SPACE_ENTRIES,
+    ParameterValue,
+    list_parameters,
+)
 from gen.robot.schema import keys_of
 
 FILE_NUMBER_NAMES = frozenset(number.name for number in FILE_NUMBERS)
+ROTOR = "motor_inertia"  # the one of them that a robot file may state as 0
 TIP_FORCE = 100.0  # N, along each axis, up to which the model is meant to be used
 TIP_MOMENT = 20.0  # N m, the same
 
@@ -164,6 +171,9 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
         high = min(max(high, value.nominal), value.nominal * SPRING_SPREAD)
     name, typical, everywhere, is_guess = None, None, None, False
     number, size = _find_file_number(robot, value, key)
+    if number == ROTOR and not size:  # a model without an armature: it lacks all of it
+        size = typical_loads.usual_size(robot, value.joint, ROTOR) / USUAL_ERROR
+        high = min(LARGEST_INERTIAL_FACTOR * size, keys_of("joint.drive")[ROTOR].range.high)
     if number is not None and size:  # wrong by a factor, which 0 has not
         name, typical, everywhere, is_guess = number, USUAL_ERROR * size, 0.0, True
     elif key in amplitude_of:

@@ -1,9 +1,11 @@
 """Sizes of torques and friction that a robot file does not state.
 
 Legend: τ_c Coulomb friction, N m at the motor; g gravity.
-Source: of the largest torque τ_c is 2 to 3 % in the double pendulum of DFKI's underactuated lab (its model 2.0), 6 %
-in EMPS (Janot, Gautier, Brunot, Workshop on Nonlinear System Identification Benchmarks, 2019), 35 % in the paper's
-Table I.
+Source of a free rotor's acceleration: 1200 rad/s² at the joint in the paper's Table I, 4400 rad/s² in DFKI's pendulum
+(its model 2.0).
+Source of friction: of the largest torque τ_c is 2 to 3 % in the double pendulum of DFKI's underactuated lab (its
+model 2.0), 6 % in EMPS (Janot, Gautier, Brunot, Workshop on Nonlinear System Identification Benchmarks, 2019), 35 %
+in the paper's Table I.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ LEAST_INPUT_TORQUE = 1.0  # N m, where there is nothing to move
 SWIFT_ACCELERATION = (
     2.0  # rad/s² or m/s²: acceleration of the stretched arm, beside gravity, that the largest input reaches
 )
+ROTOR_ACCELERATION = 1000.0  # rad/s² or m/s² at the joint: that of a free rotor under the largest torque
 USUAL_FRICTION_SHARE = 0.05  # τ_c where the file has none, as a share of the largest torque
 
 
@@ -60,7 +63,7 @@ def usual_size(robot: Robot, j: int, key: str) -> float:
             all links from it on, stretched, kg m².
 
     Returns:
-        The size of the nominal value, in its unit. Where that is 0, usual friction, or the key's width.
+        The size of the nominal value, in its unit. Where that is 0, usual friction, a usual rotor, or the key's width.
 
     """
     drive = robot.joints[j - 1].drive
@@ -71,11 +74,13 @@ def usual_size(robot: Robot, j: int, key: str) -> float:
         return _stretch_arm(robot, j)[1]
     if value is not None and value.nominal:
         return float(abs(value.nominal))
+    constant = 1.0
+    if drive.torque_constant is not None:
+        constant = abs(drive.torque_constant.nominal)
     if key == "coulomb_friction":
-        constant = 1.0
-        if drive.torque_constant is not None:
-            constant = drive.torque_constant.nominal
-        return USUAL_FRICTION_SHARE * abs(constant) * largest_input(robot, j)
+        return USUAL_FRICTION_SHARE * constant * largest_input(robot, j)
+    if key == "motor_inertia":
+        return constant * largest_input(robot, j) / (ROTOR_ACCELERATION * drive.ratio.nominal)
     if key == "viscous_friction":  # at the largest speed as large as dry friction
         return usual_size(robot, j, "coulomb_friction") / (MEANT_VELOCITY * drive.ratio.nominal)
     return keys_of("joint.drive")[key].zero_width

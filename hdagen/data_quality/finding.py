@@ -61,7 +61,7 @@ class RobotFacts:
     """The facts of a robot that triage needs, one entry a joint; None where the robot file does not say.
 
     Ratios are of motor over joint (1, or rad/m where the joint slides), resolutions in rad or m, currents in A, and
-    position limits in rad or m.
+    position limits in rad or m. In space, what a joint carries changes with the pose of all others.
     """
 
     ratios: tuple[float, ...]
@@ -69,6 +69,7 @@ class RobotFacts:
     max_currents: tuple[float | None, ...]
     position_limits: tuple[tuple[float, float] | None, ...]
     prismatic: tuple[bool, ...]
+    in_space: bool = False
 
     @classmethod
     def from_robot(cls, robot: Mapping[str, Any]) -> RobotFacts:
@@ -93,6 +94,7 @@ class RobotFacts:
             tuple(joint["drive"]["max_current"] for joint in joints),
             tuple(joint["limits"]["position"] for joint in joints),
             tuple(joint["kind"] == "prismatic" for joint in joints),
+            "tip" in robot,
         )
 
 

@@ -27,6 +27,9 @@ class InputCheckSettings:
     least_correlation: float = declare_setting(
         0.3, "correlation", "below it, input and inertial torque determine nothing of each other"
     )
+    rotor_misfit_ratio: float = declare_setting(
+        1.5, "of the misfit", "more than the inertia times a factor leaves: then the file does not just lack a rotor"
+    )
     milli_tolerance: float = declare_setting(3.0, "ratio", "a scale so near to 1000 counts as that of thousandths")
     driven_torque_ratio: float = declare_setting(
         2.0, "torques", "times the torque that moves a joint without its drive: from here it was driven"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,10 +43,10 @@ def check_inertia(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Fi
         for name in (f"{base}_{joint}" for base in INPUT_QUANTITIES):
             if name not in channels or channels[name].is_constant:
                 continue
-            unit = _torque_per_input(model, name, joint)
-            low, high = _bound_coefficient(
-                _stack_friction_terms(moving, one, inertial), unit * profile.sample_channel(name)
-            )
+            values = _torque_per_input(model, name, joint) * profile.sample_channel(name)
+            low, high = _bound_coefficient(_stack_friction_terms(moving, one, inertial), values)
+            if not rotor and low > INPUT_CHECK.most_inertia_ratio and _is_rotor_missing(moving, one, inertial, values):
+                continue
             if low > INPUT_CHECK.most_inertia_ratio or high < 1 / INPUT_CHECK.most_inertia_ratio:
                 times = math.copysign(math.sqrt(low * high), high)
                 findings.append(_explain_inertia(name, joint, times, channels[name]))
@@ -226,6 +226,35 @@ def _stack_friction_terms(moving: SmoothedMotion, one: int, *first: np.ndarray) 
     slow = max(0.05 * float(np.quantile(np.abs(velocity), 0.9)), 1e-12)
     rest = (velocity, np.tanh(velocity / slow), np.ones_like(velocity), moving.position[one])
     return np.stack([*first, *rest], 1)[:: moving.grid.window_rows]
+
+
+def _is_rotor_missing(moving: SmoothedMotion, one: int, inertial: np.ndarray, values: np.ndarray) -> bool:
+    """Tell whether a rotor that the file lacks explains an input as well as several times the file's inertia does.
+
+    Nobody can tell the two of a joint that carries the same inertia in every pose. No rotor makes the inertia about a
+    thousandfold, as a wrong prefix of a unit does.
+    """
+    scaled = _fit_rest(_stack_friction_terms(moving, one, inertial), values)
+    rotor = _fit_rest(
+        _stack_friction_terms(moving, one, moving.acceleration[one]), values - inertial[:: moving.grid.window_rows]
+    )
+    is_milli = scaled.first > 1000 / INPUT_CHECK.milli_tolerance
+    return not is_milli and rotor.first > 0 and rotor.size <= INPUT_CHECK.rotor_misfit_ratio * scaled.size
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A least-squares fit: the coefficient of its first term, and the root mean square of the rest."""
+
+    first: float
+    size: float
+
+
+def _fit_rest(terms: np.ndarray, values: np.ndarray) -> _Fit:
+    """Fit ``values`` (rows,) by ``terms`` (rows, terms)."""
+    sizes = np.maximum(np.abs(terms).max(0), 1e-300)
+    found = np.linalg.lstsq(terms / sizes, values, rcond=1e-10)[0] / sizes
+    return _Fit(float(found[0]), float(np.sqrt(np.mean((values - terms @ found) ** 2))))
 
 
 def _bound_coefficient(terms: np.ndarray, values: np.ndarray) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """Checks of an input against the motion that it makes: a reversed sign, swapped joints.
 
-A fit explains the input by the joints' accelerations, the joint's own friction, a spring and gravity. In any machine
-the joint's own inertia has a positive share, and friction takes power.
+A fit explains the input by the joints' accelerations, the joint's own friction, a spring and gravity in the plane. In
+any machine the joint's own inertia has a positive share, and friction takes power. In space, inertias and weights
+change with the pose, which such a fit knows nothing of: there `inputs_vs_model` judges the sign.
 """
 
 from __future__ import annotations
@@ -89,7 +90,22 @@ def find_reversed_inputs(profile: LogProfile, robot: RobotFacts, model: Arm | No
     """
     if find_swapped_inputs(profile, robot, model):
         return []
-    channels, moving, findings = profile.channels, smooth_sound_motion(profile, robot), []
+    findings = [] if robot.in_space else _find_backward_inputs(profile, smooth_sound_motion(profile, robot))
+    refused = {finding.joint for finding in findings if finding.severity is Severity.REFUSE}
+    for name, lag in profile.lags.items():
+        joint = int(name.rpartition("_")[2])
+        if lag.slope < 0 and joint not in refused:
+            sentence = (
+                f"{name} is {lag.slope:.3g} times its command: one of the two is reversed; set sign = -1 under it, "
+                "whichever it is, in columns.toml."
+            )
+            findings.append(Finding(Severity.REFUSE, "reversed", joint, sentence))
+    return findings
+
+
+def _find_backward_inputs(profile: LogProfile, moving: SmoothedMotion) -> list[Finding]:
+    """Inputs that push against the motion of an arm in the plane."""
+    channels, findings = profile.channels, []
     for one, joint in enumerate(moving.joints):
         terms = _stack_motion_terms(moving, one, list(range(len(moving.joints))))
         for base in INPUT_QUANTITIES:
@@ -112,15 +128,6 @@ def find_reversed_inputs(profile: LogProfile, robot: RobotFacts, model: Arm | No
             elif sure:
                 sentence = f"{says}: a reversed sign, or a hand that moved the arm? If it is the sign, {repair}."
                 findings.append(Finding(Severity.WARN, "reversed", joint, sentence))
-    refused = {finding.joint for finding in findings if finding.severity is Severity.REFUSE}
-    for name, lag in profile.lags.items():
-        joint = int(name.rpartition("_")[2])
-        if lag.slope < 0 and joint not in refused:
-            sentence = (
-                f"{name} is {lag.slope:.3g} times its command: one of the two is reversed; set sign = -1 under it, "
-                "whichever it is, in columns.toml."
-            )
-            findings.append(Finding(Severity.REFUSE, "reversed", joint, sentence))
     return findings
 
 

@@ -165,7 +165,7 @@ def prove_in_mujoco(robot: CorrectedRobot, given: ProofLog, before: Path, after:
     if gaps[2] - gaps[3] > 0:
         closed = (gaps[0] - gaps[1]) / (gaps[2] - gaps[3])
     notes = (*given.notes, *first.notes, *second.notes)
-    left = _measure_left_shares(robot, given, count, gaps[2], gaps[3])
+    left = _measure_left_shares(robot, given, count, gaps)
     return Proof(_list_channels(robot, counted), gaps, closed, left, tuple(dict.fromkeys(notes)))
 
 
@@ -207,18 +207,28 @@ def _replay_ours(arm: Arm, given: ProofLog) -> Replay:
 
 
 def _measure_left_shares(
-    robot: CorrectedRobot, given: ProofLog, count: Callable[[Replay], Replay], before: float, after: float
+    robot: CorrectedRobot,
+    given: ProofLog,
+    count: Callable[[Replay], Replay],
+    gaps: tuple[float, float, float, float],
 ) -> dict[str, float]:
-    """The share of the closed gap that comes back without each effect that MuJoCo cannot hold."""
+    """The share of the gap closed by us that each effect leaves in MuJoCo, which cannot hold it.
+
+    MuJoCo's own remainder is known. Several such effects divide it as they do what comes back in our model without each
+    of them.
+    """
+    _, left, before, after = gaps
     if robot.stated is None or not before > after:
         return {}
-    named = {(effect.name, effect.joint) for effect in robot.stated.effects}
-    shares = {}
-    for name, joint in list_unheld_effects(robot.corrected):
-        if (name, joint) in named:
-            without = count(_replay_ours(robot.leave_out_effect(name, joint).corrected, given)).gap
-            shares[f"{name}@{joint}"] = min(max((without - after) / (before - after), 0.0), 1.0)
-    return shares
+    named, shares = {(effect.name, effect.joint) for effect in robot.stated.effects}, {}
+    unheld = [one for one in list_unheld_effects(robot.corrected) if one in named]
+    for name, joint in unheld:
+        without = 0.0
+        if len(unheld) > 1:
+            without = count(_replay_ours(robot.leave_out_effect(name, joint).corrected, given)).gap - after
+        shares[f"{name}@{joint}"] = max(without, 0.0)
+    remainder, total = min(max((left - after) / (before - after), 0.0), 1.0), sum(shares.values())
+    return {name: remainder * (own / total if total else 1 / len(shares)) for name, own in shares.items()}
 
 
 def _list_channels(robot: CorrectedRobot, counted: Sequence[Replay]) -> tuple[ChannelProof, ...]:

@@ -174,12 +174,16 @@ def _write_drive(file: ModelFile, link: ChainLink, width: float, notes: list[str
     if joint.is_servo:
         notes.append(f"left out: the servo of {joint.name}; the input is its torque")
     return [
-        _write_line("motor_inertia", repr(joint.armature), armature),
+        _write_line("motor_inertia", _write_guess(joint.armature), armature),
         _write_line(
-            "viscous_friction", repr(joint.damping), f"{dynamics} damping" if joint.damping else f"assumed: {silent}"
+            "viscous_friction",
+            _write_guess(joint.damping),
+            f"{dynamics} damping" if joint.damping else f"assumed: {silent}",
         ),
         _write_line(
-            "coulomb_friction", repr(joint.friction), f"{dynamics} friction" if joint.friction else f"assumed: {silent}"
+            "coulomb_friction",
+            _write_guess(joint.friction),
+            f"{dynamics} friction" if joint.friction else f"assumed: {silent}",
         ),
         *(
             [_write_line("friction_smoothing", repr(width), "assumed: carried by the step")]
@@ -199,6 +203,11 @@ def _print_comment(text: str) -> str:
 
 def _write_line(key: str, value: str, source: str) -> str:
     return f"{key} = {value}".ljust(40) + f"  # {_print_comment(source)}"
+
+
+def _write_guess(value: float) -> str:
+    """Write a number that a model rarely has from a measurement; 0 stands for nothing known, without a source."""
+    return f'{{value = {value!r}, source = "guess"}}' if value else "0.0"
 
 
 def _write_vector(values: Iterable[float]) -> str:

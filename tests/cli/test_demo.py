@@ -22,6 +22,7 @@ from hostile_names import NAME, check_escaped
 from kept_builds import find_builds
 from stub_compiler import stub_compiler
 
+from hdagen.__main__ import main
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import load
 from hdagen.cli import demo as demo_command
@@ -152,6 +153,18 @@ def test_the_hidden_effect_is_adopted_and_proved_in_mujoco(shown: demo_runs.Demo
     for one in leg.joints:
         assert np.abs(one.after - one.measured).max() < 0.1 * np.abs(one.before - one.measured).max()
     assert 'joint name="knee"' in leg.model and 'frictionloss="0.53' in leg.model  # 9 times 0.06 N m
+
+
+def test_the_adopted_leg_leaves_the_gap_that_its_diagnosis_said(
+    user: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("HDAGEN_BUILD", user["HDAGEN_BUILD"])
+    new, log = str(tmp_path / "new.toml"), str(DATA / "leg_log.parquet")
+    assert main(["adopt", str(STORED), str(DATA / "leg.toml"), "--out", new]) == 0
+    capsys.readouterr()
+    assert main(["replay", new, log, "--rows-of", str(STORED), "--json"]) == 0
+    said = json.loads(STORED.read_text("utf-8"))["gap"]["after"]
+    assert json.loads(capsys.readouterr().out)["gap"] == pytest.approx(said, rel=0.02)
 
 
 def test_a_missed_effect_is_said(

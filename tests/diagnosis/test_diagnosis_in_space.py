@@ -21,9 +21,11 @@ from hdagen.blind.realities.model_arms import ModelRobot, draw_space_motion  # n
 from hdagen.blind.realities.model_reality import Values, simulate_space_arm  # noqa: E402
 
 LIMITS = "\n[joint.limits]\nposition = [-2.0, 2.0]\nspeed = 3.0\ntorque = 20.0\n"
-TEXT = re.sub(r"motor_inertia = \S+", "motor_inertia = 0.0", space_robots.chain("RR", 3)).replace(
-    "coulomb_friction = 0.0", f"coulomb_friction = 0.0{LIMITS}"
-)
+TEXT = re.sub(  # as `hdagen robot import` writes it: no rotor, damping a guess
+    r"viscous_friction = (\S+)",
+    r'viscous_friction = {value = \1, source = "guess"}',
+    re.sub(r"motor_inertia = \S+", "motor_inertia = 0.0", space_robots.chain("RR", 3)),
+).replace("coulomb_friction = 0.0", f"coulomb_friction = 0.0{LIMITS}")
 FRICTION = 1.0  # N m
 
 

@@ -19,6 +19,7 @@ from gen.presets import find_presets
 from gen.robot.link_geometry import make_rotation
 from hdagen.__main__ import main
 from hdagen.arm.compiled_arm import Arm
+from hdagen.blind.realities.model_arms import ModelRobot
 from hdagen.model_export.corrected_robot import CorrectedRobot
 from hdagen.model_export.export_formats import FORMATS
 from hdagen.model_export.mjcf_writer import write as write_mjcf
@@ -44,7 +45,7 @@ def arm(build: Callable[..., Compiled]) -> Arm:
 
 
 def come_back(file: Path) -> dict[str, Any]:
-    return tomllib.loads(import_model(str(file), ChainRequest(tip="tip")).text)
+    return ModelRobot(import_model(str(file), ChainRequest(tip="tip")).text).table
 
 
 def compare(ours: dict[str, Any], theirs: dict[str, Any], lost: tuple[str, ...]) -> None:

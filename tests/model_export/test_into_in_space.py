@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -14,6 +13,7 @@ import pytest
 from described_arms import describe_arm
 
 from hdagen.arm.build_loader import PlantError
+from hdagen.blind.realities.model_arms import ModelRobot
 from hdagen.model_export.corrected_robot import CorrectedRobot
 from hdagen.model_export.mjcf_patch import PatchedModel
 from hdagen.model_export.mjcf_writer import write as write_mjcf
@@ -81,8 +81,7 @@ def model(tmp_path: Path) -> Path:
 
 def read_numbers(model: Path, tip: str) -> dict[str, float]:
     """The numbers of the links and drives, as parameters of a robot file, and of gravity."""
-    table = tomllib.loads(import_model(str(model), ChainRequest(tip=tip)).text)
-    return dict(describe_arm_text(table))
+    return describe_arm_text(ModelRobot(import_model(str(model), ChainRequest(tip=tip)).text).table)
 
 
 def describe_arm_text(table: dict[str, Any]) -> dict[str, float]:

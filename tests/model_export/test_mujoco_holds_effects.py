@@ -9,6 +9,7 @@ import pytest
 from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
+from gen.effects import ALL
 from hdagen.adoption.verdict import apply_verdict, read_verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.model_export.corrected_robot import CorrectedRobot
@@ -113,6 +114,59 @@ def test_the_remainder_of_what_mujoco_lacks_is_stated(arm: Arm, tmp_path: Path) 
     assert share / 1.5 < remainder < 1.5 * share
     assert f"{100 * share:.0f} %" in written.left_out[f"{UNHELD}@1"]
     assert "payload@2" not in written.left_out
+
+
+OTHERS = (
+    *("stribeck_friction", "load_dependent_friction", "position_dependent_friction", "presliding_friction"),
+    *("torque_ripple", "kinematic_error", "kinematic_torsion", "transmission_hysteresis", "link_flexibility"),
+)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", OTHERS)
+def test_the_stated_remainder_holds_on_another_motion(
+    name: str, build: Callable[..., Compiled], tmp_path: Path
+) -> None:
+    """Of each effect at its usual size beside a payload, within a factor of 2; of most within 1.5."""
+    everything = Arm(build(FLEXIBLE, effects=tuple(effect.name for effect in ALL)).folder)
+    described = everything.parameters.described
+    effect = next(one for one in everything.manifest["effects"] if one["name"] == name)
+    values = {key: described[f"{key}_1"].nominal for key in effect["shapes"]}
+    for key in effect["amplitudes"]:
+        values[key] = described[f"{key}_1"].nominal + (described[f"{key}_1"].typical or 0.0)
+    parameters = {key: {"value": value} for key, value in values.items()}
+    causes = [
+        {"effect": "payload", "joint": 2, "parameters": {"payload_mass": {"value": 0.1}}},
+        {"effect": name, "joint": 1, "parameters": parameters},
+    ]
+    stated = read_verdict({"schema": 2, "verdict": ["payload@2", f"{name}@1"], "causes": causes})
+    true = apply_verdict(everything, stated)[0]
+    robot, proofs = CorrectedRobot("robot.toml", everything, true, stated), []
+    for seed in (0, 5):
+        log = ProofLog(simulated(true, seed=seed), None, (), False)
+        proofs.append(write(robot, tmp_path / f"robot_{seed}.xml", prove=log).proof)
+    assert proofs[0] is not None and proofs[1] is not None
+    share, gaps = proofs[0].left_shares[f"{name}@1"], proofs[1].gaps
+    remainder = (gaps[1] - gaps[3]) / (gaps[2] - gaps[3])
+    print(f"{name}: stated {share:.3f}, left on another motion {remainder:.3f}")
+    assert share / 2.0 < remainder < 2.0 * share
+
+
+def test_effects_that_mujoco_lacks_divide_what_it_leaves(arm: Arm, tmp_path: Path) -> None:
+    shapes = {"stribeck_speed": {"value": 15.0}, "stribeck_sharpness": {"value": 2.0}}
+    causes = [
+        {"effect": UNHELD, "joint": j, "parameters": {"stribeck_torque": {"value": torque}, **shapes}}
+        for j, torque in ((1, 0.012), (2, 0.006))
+    ]
+    stated = read_verdict({"schema": 2, "verdict": [f"{UNHELD}@1", f"{UNHELD}@2"], "causes": causes})
+    true = apply_verdict(arm, stated)[0]
+    robot = CorrectedRobot("robot.toml", arm, true, stated)
+    proof = write(robot, tmp_path / "robot.xml", prove=ProofLog(simulated(true), None, (), False)).proof
+    assert proof is not None
+    left, _, after = proof.gaps[1:]
+    before = proof.gaps[2]
+    assert sum(proof.left_shares.values()) == pytest.approx(min((left - after) / (before - after), 1.0))
+    assert min(proof.left_shares.values()) > 0.0
 
 
 def test_what_mujoco_lacks_is_known(arm: Arm) -> None:

@@ -94,7 +94,9 @@ def test_every_number_has_its_source_and_every_assumption_is_told(tmp_path: Path
         assert words in told, told
     table = tomllib.loads(made.text)
     first, second, third = table["joint"]
-    drive = {"rigid": True, "ratio": 1.0, "motor_inertia": 0.1, "viscous_friction": 2.0, "coulomb_friction": 0.7}
+    numbers = {"motor_inertia": 0.1, "viscous_friction": 2.0, "coulomb_friction": 0.7}
+    guesses = {name: {"value": value, "source": "guess"} for name, value in numbers.items()}
+    drive = {"rigid": True, "ratio": 1.0, **guesses}
     assert first["drive"].items() >= drive.items() and table["gravity"] == [0.0, 0.0, -9.81]
     assert first["limits"]["torque"] == 40.0 and second["limits"]["torque"] == 15.0
     assert "torque" not in third["limits"] and first["limits"]["position"] == [-2.0, 2.0]
@@ -143,7 +145,9 @@ def test_a_urdf_is_read_without_its_meshes(tmp_path: Path) -> None:
     table = tomllib.loads(made.text)
     first, second = table["joint"]
     assert first["limits"] == {"position": [-1, 1], "speed": 3, "torque": 20, "motor_torque_rate": 2000}
-    assert (first["drive"]["viscous_friction"], first["drive"]["coulomb_friction"]) == (0.5, 0.25)
+    assert first["drive"]["viscous_friction"] == {"value": 0.5, "source": "guess"}
+    assert first["drive"]["coulomb_friction"] == {"value": 0.25, "source": "guess"}
+    assert first["drive"]["motor_inertia"] == 0.0  # nothing is known, and nothing is claimed
     assert "assumed: gravity of 9.81 m/s² against z of the root link, as URDF states none" in made.notes
     assert any("right angles" in note for note in made.notes) and built(made.text).in_space
     half = np.sqrt(0.5)

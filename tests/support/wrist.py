@@ -33,9 +33,10 @@ joint_encoder_resolution = {RESOLUTION}
 """
 
 
-def move_wrist(robot: Path, factors: Mapping[str, float], seconds: float) -> Log:
-    """A log of the machine whose numbers are the file's times ``factors``."""
+def move_wrist(robot: Path, factors: Mapping[str, float], seconds: float, rotor: float = 0.0) -> Log:
+    """A log of the machine whose numbers are the file's times ``factors``, with a rotor, kg m², that the file lacks."""
     arm = load(robot)
+    arm.parameters["motor_inertia_1"] = rotor
     arm.parameters.update({name: factor * arm.parameters[name] for name, factor in factors.items()})
     time = np.arange(0.0, seconds, 2e-3)
     waves = np.sin(2 * np.pi * np.outer(time, [0.37, 0.9, 2.1]) + [0.0, 1.0, 2.0])

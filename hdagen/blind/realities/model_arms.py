@@ -53,8 +53,8 @@ class ModelRobot:
 
     @property
     def table(self) -> Table:
-        """The robot file as parsed."""
-        return tomllib.loads(self.text)
+        """The robot file as parsed, each number without its tolerance."""
+        return {key: _take_values(part) for key, part in tomllib.loads(self.text).items()}
 
     def toml(self) -> str:
         """Write the robot file, with the sensors that the log is made with."""
@@ -71,6 +71,15 @@ class ModelRobot:
         """Standard deviation of the noise of each angle; inputs are given to the model and do not count."""
         deviation = math.hypot(ENCODER_NOISE, ENCODER_RESOLUTION / math.sqrt(12.0))
         return {f"joint_position_{j}": deviation for j in range(1, len(self.table["joint"]) + 1)}
+
+
+def _take_values(part: Any) -> Any:
+    """A part of a robot file with plain numbers in place of those with a tolerance or a source."""
+    if isinstance(part, list):
+        return [_take_values(entry) for entry in part]
+    if isinstance(part, dict):
+        return _take_values(part["value"]) if "value" in part else {key: _take_values(one) for key, one in part.items()}
+    return part
 
 
 def rate_joint(joint: Table) -> Table:
@@ -148,7 +157,7 @@ def read_model_text(model: str) -> str:
     except InputFileError as error:
         raise ModelError(str(error)) from None
     joints = table.get("joint")
-    if "tip" not in table or not isinstance(joints, list) or not all(map(_is_rigid_in_space, joints)):
+    if "tip" not in table or not isinstance(joints, list) or not all(map(_is_rigid_in_space, _take_values(joints))):
         raise ModelError(
             f"{show_path(Path(model))}: found no rigid joints in space at ratio 1, possible are those of a URDF,"
             " an MJCF or the long form of robot.toml; name such a file."
@@ -157,7 +166,7 @@ def read_model_text(model: str) -> str:
 
 
 def _is_rigid_in_space(joint: Any) -> bool:
-    """Whether a table of a robot file is a rigid joint of the long form at ratio 1, with its numbers stated plainly."""
+    """Whether a table of a robot file is a rigid joint of the long form at ratio 1, with all its numbers."""
     if not isinstance(joint, dict) or not isinstance(drive := joint.get("drive"), dict):
         return False
     lists = [joint.get(key) for key in ("origin", "rotation", "axis", "center_of_mass", "inertia")]
@@ -182,7 +191,7 @@ def draw_model_cases(seed: str, population: Population, count: int) -> tuple[Mod
 
     """
     text, own = read_model_text(population.model), population.seed_family(seed)
-    table = tomllib.loads(text)
+    table = ModelRobot(text).table
     order = [""]
     if population.kind != "none":
         order = seeded_generator(own, "order").permutation(_list_possible_effects(table)).tolist()

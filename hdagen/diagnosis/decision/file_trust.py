@@ -53,7 +53,7 @@ def describe_factor(
 
     Returns:
         The factor, truth over file, as an estimate named "factor"; of a centre of mass or an inertia in space, the part
-        of the true one along the file's. Empty where the candidate is no number.
+        of the true one along the file's. Empty where the candidate is no number, or the file states 0.
 
     """
     names = [name for name in candidate.amplitudes if name in parameters]
@@ -61,6 +61,8 @@ def describe_factor(
         return {}
     own = [described[name] for name in names]
     stated = np.array([q.stated for q in own])
+    if not stated.any():
+        return {}
     size, share = np.linalg.norm(stated), stated / (stated @ stated)
     found = np.array([parameters[name]["value"] + q.offset for name, q in zip(names, own, strict=True)])
     spread = [parameters[name]["std"] for name in names]

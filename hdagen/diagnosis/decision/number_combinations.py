@@ -25,13 +25,16 @@ def measure_change(fit: Fit, candidate: Candidate) -> float:
         candidate: the number.
 
     Returns:
-        The logarithm of the factor of a single number, infinite where it changes its sign; of a vector the logarithm
-        of 1 and the share by which it moves.
+        The logarithm of the factor of a single number, infinite where it changes its sign; of one that is 0 in the
+        file the logarithm of 1 and the multiple of its usual size; of a vector that of 1 and the share by which it
+        moves.
 
     """
     parameters = fit.sensitivities.shooting.arm.parameters
     described = [parameters.described[name] for name in candidate.amplitudes]
     values = [float(fit.sensitivities.point.p[parameters.index(name)]) for name in candidate.amplitudes]
+    if len(values) == 1 and not described[0].stated:
+        return math.log1p(abs(values[0]) / (described[0].typical or math.inf))
     if len(values) == 1:
         factor = described[0].compute_factor(values[0])
         return abs(math.log(factor)) if factor > 0.0 else math.inf

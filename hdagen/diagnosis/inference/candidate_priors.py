@@ -35,7 +35,7 @@ SCALE_FREE_UNITS = (
 class Candidate:
     """An effect at a joint (0: the whole arm) with fixed shapes, which may be the default ones.
 
-    ``is_number``: the robot file states its size, which may be wrong by a factor.
+    ``is_number``: the robot file states its size, which may be wrong by a factor, or all of it where it states 0.
     """
 
     traits: EffectTraits
@@ -232,7 +232,7 @@ class CandidateSet:
 
     def measure_size(self, k: int, theta: Array) -> float:
         """Measure the size of a candidate. That of a number that the robot file states is the logarithm of its factor,
-        as it may be too large by as many times as too small.
+        as it may be too large by as many times as too small. A number that is 0 in the file has no factor.
 
         Args:
             k: place of the candidate.
@@ -244,7 +244,7 @@ class CandidateSet:
         """
         own = self.amplitude_columns((k,))
         size = float(np.linalg.norm(theta[own]))
-        if not self.members[k].is_number or len(own) != 1:
+        if not self.members[k].is_number or len(own) != 1 or not self.columns[own[0]].stated:
             return size
         usual = self.columns[own[0]].unit / self.columns[own[0]].stated
         factor = 1.0 + float(theta[own[0]]) * usual

@@ -45,9 +45,10 @@ def build_candidates(
                 _combine_shape_starts([suggested.shapes.get(s, described[s].starts) for s in shapes])
             ):
                 own = dict(zip(shapes, chosen, strict=True))
-                is_any = any if effect in numbers else all  # an entry of a centre of mass or of an inertia may be 0
-                stated = with_numbers and is_any(map(_is_stated, (described[name] for name in names)))
-                atoms.append(Candidate(arm.effects[effect["name"]], j, names, own, not number, stated))
+                is_number = effect in numbers  # even one of which the file states 0
+                if with_numbers and not is_number:
+                    is_number = all(_is_stated(described[name]) for name in names)
+                atoms.append(Candidate(arm.effects[effect["name"]], j, names, own, not number, is_number))
                 columns += [
                     _make_column(described[name], place[name], len(atoms) - 1, not number, suggested) for name in names
                 ]
@@ -86,7 +87,7 @@ def _make_column(q: Parameter, index: int, atom: int, first: bool, suggested: In
     if first:
         spike = math.hypot(q.tolerance * abs(nominal) / unit, CANDIDATES.spike_scales[0] * everywhere)
         spike = max(spike, CANDIDATES.silent_spike_width)
-    if not everywhere:  # as small as a number moves in every hypothesis
+    if not everywhere and q.stated:  # as small as a number moves in every hypothesis
         step = CANDIDATES.column_step * max(spike, CANDIDATES.column_step)
     if name in suggested.column_steps:
         step = suggested.column_steps[name] / unit

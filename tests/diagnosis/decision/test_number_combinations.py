@@ -17,13 +17,13 @@ TRAITS: dict[str, Any] = {
 }
 
 
-def stand_at(name: str, factor: float) -> Any:
-    """A fit of one number at a factor of the file's."""
+def stand_at(name: str, value: float, stated: float = 1.0) -> Any:
+    """A fit of one number, of which the file states 1 or 0, at a value; its usual size is 0.5."""
     atom = SimpleNamespace(name=name, amplitudes=("n",), is_number=True)
-    described = {"n": SimpleNamespace(compute_factor=lambda value: value)}
+    described = {"n": SimpleNamespace(compute_factor=lambda value: value / stated, stated=stated, typical=0.5)}
     parameters = SimpleNamespace(index=lambda name: 0, described=described)
     shooting = SimpleNamespace(arm=SimpleNamespace(parameters=parameters))
-    point = SimpleNamespace(p=np.array([factor]))
+    point = SimpleNamespace(p=np.array([value]))
     design = SimpleNamespace(candidates=SimpleNamespace(members=[atom]), shooting=shooting, point=point)
     return SimpleNamespace(effects=(0,), sensitivities=design)
 
@@ -43,6 +43,18 @@ def test_sets_of_like_odds_are_one_statement_under_the_number_that_changes_least
         assert weight["inertia@2",] == pytest.approx(1.5) and ("mass@2",) not in weight
     else:
         assert not found and weight["mass@2",] == 1.0
+
+
+@pytest.mark.parametrize(("rotor", "least"), [(0.4, "motor_inertia@2"), (3.0, "inertia@2")])
+def test_a_number_that_is_0_in_the_file_changes_by_multiples_of_its_usual_size(rotor: float, least: str) -> None:
+    names = ("motor_inertia", "inertia")
+    traits: Any = {f"{name}@2": SimpleNamespace(alternatives=names) for name in names}
+    weight = {("motor_inertia@2",): 1.0, ("inertia@2",): 0.9, (): 1e-6}
+    fits: dict[tuple[str, ...], Any] = {
+        ("motor_inertia@2",): stand_at("motor_inertia@2", rotor, stated=0.0),
+        ("inertia@2",): stand_at("inertia@2", 3.0),
+    }
+    assert combine_numbers(weight, fits, frozenset(traits), traits) == {least: ("inertia@2", "motor_inertia@2")}
 
 
 def test_a_payload_is_the_same_as_a_wrong_mass_of_its_link_alone() -> None:

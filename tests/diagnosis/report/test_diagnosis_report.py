@@ -23,6 +23,7 @@ from replayed import FLEXIBLE, RIGID, simulated
 
 from gen.effects import ALL
 from gen.effects.file_numbers import FILE_NUMBERS
+from gen.presets import find_presets
 from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.adoption.verdict import read_verdict
 from hdagen.arm.arrays import Array
@@ -162,6 +163,13 @@ def seen(
     log = simulated(arm, seconds)
     log = Log(log.time, {k: v for k, v in log.columns.items() if re.search(keep, k)}, log.n_joints, log.source)
     arm.parameters.reset()
+    return judge(arm, truth, log, base)
+
+
+def judge(
+    arm: Arm, truth: dict[str, dict[str, float]], log: Log, base: dict[str, float] | None = None
+) -> tuple[ResidualTorque, dict[str, Any], Log, Replay, Replay]:
+    """A log, diagnosed as ``truth`` and ``base``."""
     said = content(arm, truth, base)
     before, after = replay(arm, log), replay(arm, log, with_=said)
     multiples = {
@@ -522,6 +530,28 @@ def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) ->
     assert "p = " not in re.sub("<script.*?</script>", "", page, flags=re.DOTALL)
     assert "a note &lt;b&gt;" in page
     assert "[90, 97]" in write_verdict(json.loads(json.dumps(seen(arm, {})[1]))) and len(page) < 5_000_000
+
+
+def test_a_page_of_ten_seconds_of_two_joints_has_at_most_1200_kilobytes(arm: Arm, tmp_path: Path) -> None:
+    write(seen(arm, {"coulomb_friction@2": {"coulomb_friction": 0.045}}, seconds=10.0), arm, tmp_path / "report.html")
+    assert (tmp_path / "report.html").stat().st_size < 1.2e6
+
+
+@pytest.mark.campaign
+def test_a_page_of_a_minute_of_seven_joints_has_at_most_three_megabytes(build: Builder, tmp_path: Path) -> None:
+    """A Panda with friction in its fourth joint, by MuJoCo."""
+    pytest.importorskip("mujoco")
+    from hdagen.blind.realities.model_arms import ModelRobot, draw_space_motion
+    from hdagen.blind.realities.model_reality import simulate_space_arm
+
+    text, rng = ModelRobot(find_presets()["panda"].read_text()), np.random.default_rng(2)
+    friction = {("coulomb_friction", 4): {"torque": 6.0}}
+    motion = draw_space_motion(rng, text.table, 60.0)
+    columns = simulate_space_arm(text.table, text.table, motion, rng, friction)
+    log = Log(columns.pop("time"), columns, 7, "a minute")
+    panda = Arm(build(text.toml()).folder)
+    write(judge(panda, {"coulomb_friction@4": {"coulomb_friction": 6.0}}, log), panda, tmp_path / "report.html")
+    assert (tmp_path / "report.html").stat().st_size < 3e6
 
 
 def test_only_what_long_windows_told_says_so(arm: Arm, tmp_path: Path) -> None:
