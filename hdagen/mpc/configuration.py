@@ -13,6 +13,7 @@ import numpy as np
 from hdagen.arm.build_loader import PlantError
 from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, CONFIGURATION_TABLES, keys_of_table
 from hdagen.mpc.configuration_value import convert_value
+from hdagen.mpc.target_axes import count_positions, count_tip_coordinates, follows_pose
 from hdagen.mpc.wall import WALL_ROUNDING, Wall, find_least_distance, leave_no_room
 from hdagen.support.input_file import InputFileError, read_toml
 from hdagen.support.messages import show_path, show_value, suggest_name
@@ -292,47 +293,6 @@ def list_admittance_gains(robot: Mapping[str, Any], c: Configuration) -> dict[st
             turns = expand_values(c[f"admittance.rotation_{name}"], 3)
             out |= {f"{name}_r{axis}": value for axis, value in zip("xyz", turns, strict=False)}
     return out
-
-
-def count_tip_coordinates(robot: Mapping[str, Any]) -> int:
-    """Count the coordinates of the tip's position.
-
-    Args:
-        robot: Description of the robot, as the manifest of a build holds it.
-
-    Returns:
-        2, or 3 of an arm in space.
-
-    """
-    return 3 if "tip" in robot else 2
-
-
-def count_positions(robot: Mapping[str, Any], space: str) -> int:
-    """Count the axes of a target that are places.
-
-    Args:
-        robot: Description of the robot, as the manifest of a build holds it.
-        space: Space of the target, "tip" or "joint".
-
-    Returns:
-        The coordinates of the tip, or the joints.
-
-    """
-    return len(robot["joints"]) if space == "joint" else count_tip_coordinates(robot)
-
-
-def follows_pose(robot: Mapping[str, Any], space: str) -> bool:
-    """Tell whether a target has an orientation.
-
-    Args:
-        robot: Description of the robot, as the manifest of a build holds it.
-        space: Space of the target, "tip" or "joint".
-
-    Returns:
-        True for a tip in space.
-
-    """
-    return space == "tip" and "tip" in robot
 
 
 def find_incompatibilities(robot: Mapping[str, Any], c: Configuration) -> list[str]:

@@ -27,7 +27,8 @@ from hdagen.mpc.compiled_settings import (
     list_report_parts,
     pack_settings,
 )
-from hdagen.mpc.configuration import Configuration, expand_values, follows_pose, list_admittance_gains
+from hdagen.mpc.configuration import Configuration, expand_values, list_admittance_gains
+from hdagen.mpc.target_axes import follows_pose
 from hdagen.mpc.wall import Wall
 
 RUNGS = ("on the plan", "on the last plan, shifted", "held by an impedance", "on the ramp to the safe torque")
