@@ -20,6 +20,7 @@ from pathlib import Path
 from threading import Event
 
 from gen.builder import object_cache
+from gen.builder.deciding_text import collect_deciding_text
 
 PROFILES = {
     "portable": ("-O2", "-ffp-contract=off"),
@@ -33,6 +34,7 @@ avx512bw avx512vl avx512ifma avx512vbmi avx512_vbmi2 avx512_vnni avx512_bitalg a
 asimd asimdhp asimddp fphp sve sve2
 """  # the sets from which compilers choose under -march=native, as /proc/cpuinfo names them
 
+STANDARD_HEADERS = ("fenv", "float", "limits", "math", "stddef", "stdint", "stdio", "stdlib", "string")
 
 EXHAUSTED_ERRNOS = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)  # not the compiler's fault
 
@@ -166,8 +168,12 @@ def compile_library(folder: Path, sources: list[str], profile: str, name: str, k
     pool, over = ThreadPoolExecutor(max_workers=2), Event()
     with _set_on_interrupt(over), _process_group() as group:
         try:
+            headers = b""
+            if kept is not None:
+                headers = _preprocess_standard_headers(folder, profile, over, group)
             work = [
-                pool.submit(_compile_object, folder, source, profile, kept, over, group) for source in longest_first
+                pool.submit(_compile_object, folder, source, profile, kept, headers, over, group)
+                for source in longest_first
             ]
             for done in work:
                 while not wait([done], timeout=0.1).done:  # an interrupt just before a wait is heard only after it
@@ -222,23 +228,39 @@ def _set_on_interrupt(over: Event) -> Iterator[None]:
             raise KeyboardInterrupt
 
 
-def _compile_object(folder: Path, source: str, profile: str, kept: Path | None, over: Event, group: int) -> None:
+def _preprocess_standard_headers(folder: Path, profile: str, over: Event, group: int) -> bytes:
+    """Every declaration and macro of the standard headers; preprocessed once a process. Raises CompileError."""
+    start = (*find_compiler().command, *compiler_flags(profile))
+    if start not in _standard_headers:
+        source, plain = folder / "headers.c", folder / "headers.i"
+        source.write_text("".join(f"#include <{name}.h>\n" for name in STANDARD_HEADERS))
+        _run_compiler((*start, "-E", "-P", "-dD", source.name, "-o", plain.name), plain, over, group)
+        _standard_headers[start] = plain.read_bytes()
+        source.unlink()
+        plain.unlink()
+    return _standard_headers[start]
+
+
+_standard_headers = dict[tuple[str, ...], bytes]()  # by the compiler and its flags
+
+
+def _compile_object(
+    folder: Path, source: str, profile: str, kept: Path | None, headers: bytes, over: Event, group: int
+) -> None:
     """Make the object of one source in folder: fetched, or compiled and then kept. Raises CompileError once it is all
     over."""
     compiler = find_compiler()
     start = (*compiler.command, *compiler_flags(profile))
-    plain = folder / source.replace(".c", ".i")
-    _run_compiler((*start, "-E", "-P", source, "-o", plain.name), plain, over, group)
-    processor = ""
-    if profile == "native":
-        processor = " ".join(cpu_flags())
-    name = object_cache.hash_object(plain.read_bytes(), start, f"{compiler.version} {processor}")
-    plain.unlink()
     made = folder / source.replace(".c", ".o")
     compilation = (*start, "-c", source, "-o", made.name)
     if kept is None:
         _run_compiler(compilation, made, over, group)
         return
+    processor = ""
+    if profile == "native":
+        processor = " ".join(cpu_flags())
+    text = collect_deciding_text(folder, source)
+    name = object_cache.hash_object(text, headers, start, f"{compiler.version} {processor}")
     content = object_cache.fetch_object(kept, name)
     if content is None:
         _run_compiler(compilation, made, over, group)

@@ -1,8 +1,8 @@
 """Compiled objects that are kept: robots of the same structure give the same C, for numbers are parameters, not text.
 
-An object is found by the hash of its preprocessed source, the compiler and the flags, and holds a hash of itself, so
-that a damaged one is made again. The folder that holds them lies beside the builds, which lock it; an object that
-another user may write is not taken.
+An object is found by the hash of the text that decides it, of the standard headers, the compiler and the flags. It
+holds a hash of itself, so that a damaged one is made again. The folder that holds them lies beside the builds, which
+lock it; an object that another user may write is not taken.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ MOST_OBJECTS = 512  # objects that are kept, those used last
 PARTIAL_OBJECT_PREFIX = ".part-"  # begins the name of one that is being written
 
 
-def hash_object(preprocessed: bytes, command: tuple[str, ...], version: str) -> str:
+def hash_object(text: bytes, headers: bytes, command: tuple[str, ...], version: str) -> str:
     """Name an object by everything that decides its content.
 
     Args:
-        preprocessed: The preprocessed source.
+        text: The source with the headers of the build that it includes (`collect_deciding_text`).
+        headers: The preprocessed standard headers.
         command: The compiler and its flags.
         version: The compiler's version, and the processor where it counts.
 
@@ -31,7 +32,7 @@ def hash_object(preprocessed: bytes, command: tuple[str, ...], version: str) -> 
 
     """
     digest = hashlib.sha256()
-    for part in (preprocessed, "\0".join(command).encode(), version.encode()):
+    for part in (text, headers, "\0".join(command).encode(), version.encode()):
         digest.update(len(part).to_bytes(8, "little"))
         digest.update(part)
     return digest.hexdigest()[:32]

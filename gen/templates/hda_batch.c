@@ -13,7 +13,8 @@ static void advance_row(const double *const *u, const hda_batch *c, double h, lo
 #define INPUT(lane) u[lane][i]
     for (int i = 0; i < HDA_NU; i++) in[i] = (hda_batch)HDA_BATCH_OF(INPUT);
 #undef INPUT
-    for (long step = 0; step < steps; step++) batch_step(x, in, NULL, c, h);
+    const hda_batch time = (hda_batch){0} + h;
+    for (long step = 0; step < steps; step++) batch_step(x, in, NULL, c, &time);
     for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
         for (int i = 0; i < HDA_NX; i++) out[lane][i] = x[i][lane];
     }

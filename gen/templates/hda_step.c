@@ -187,71 +187,116 @@ static int first_change(const double *before, const double *after, const double 
     return which;
 }
 
-/* The share of h at which the margin of joint j is 0, to rounding, with the state there in `next`: regula falsi, and
- * Illinois halves the value at an end that stays. */
-static double locate_change(const double *x, const double *u, const double *c, const double *s, double h, int j,
-                            double from, double to, double share, double *next) {
-    double a = 0.0, b = 1.0, margin[HDA_N];
-    int push[HDA_N], side = 0;
-    for (int trial = 0;; trial++) {
-        hda_step_sliding(x, u, s, c, share * h, next);
-        find_margins(next, u, c, s, margin, push);
-        const double f = margin[j];
-        if (f > 0.0) {
-            a = share;
-            from = f;
-            if (side > 0) to *= 0.5;
-            side = 1;
-        } else {
-            b = share;
-            to = f;
-            if (side < 0) from *= 0.5;
-            side = -1;
-        }
-        const double better = f == 0.0 ? share : (a * to - b * from) / (to - from);
-        if (!(fabs(better - share) > 1e-14) || trial == MOST_TRIALS) return share;
-        share = better;
+/* The next part of the step begins: to its end, unless something changes on the way. */
+static void begin_part(hda_passage *way, const double *u, const double *c) {
+    int push[HDA_N];
+    way->phase = HDA_WHOLE;
+    if (way->event++ == MOST_EVENTS) { /* too many changes in one step: whoever rests now rests until its end */
+        for (int j = 0; j < HDA_N; j++) way->decided[j] = way->at[slide[j]] == 0.0 ? HELD : OPEN;
+        way->phase = HDA_LAST;
     }
+    choose_directions(way->at, u, c, way->decided, way->s);
+    find_margins(way->at, u, c, way->s, way->before, push);
+    way->span = way->left;
+}
+
+void hda_begin_passage(const double *x, const double *u, const double *c, double h, hda_passage *way) {
+    memcpy(way->at, x, sizeof way->at);
+    for (int j = 0; j < HDA_N; j++) way->decided[j] = OPEN;
+    way->left = h;
+    way->event = 0;
+    begin_part(way, u, c);
+}
+
+/* The step ends in `next`, where no motor has turned back. */
+static int end_passage(const double *next, hda_passage *way) {
+    memcpy(way->at, next, sizeof way->at);
+    for (int j = 0; j < HDA_N; j++) {
+        if (way->s[j] == 0.0 || next[slide[j]] * way->s[j] < 0.0) way->at[slide[j]] = 0.0;
+    }
+    return 1;
+}
+
+/* The whole part ended in `next`: that is all, or the search for the first change begins. */
+static int follow_whole(const double *next, const double *u, const double *c, hda_passage *way) {
+    double after[HDA_N], share = 1.0;
+    int push[HDA_N];
+    find_margins(next, u, c, way->s, after, push);
+    const int j = first_change(way->before, after, way->s, way->decided, &share);
+    if (j < 0) return end_passage(next, way);
+    if (share < 0.0) { /* friction holds it after all */
+        way->decided[j] = HELD;
+        begin_part(way, u, c);
+        return 0;
+    }
+    way->phase = HDA_LOCATING;
+    way->which = j;
+    way->trial = way->side = 0;
+    way->begin = 0.0;
+    way->end = 1.0;
+    way->first = way->before[j];
+    way->last = after[j];
+    way->share = share;
+    way->span = share * way->left;
+    return 0;
+}
+
+/* The share of the part at which the margin of a joint is 0, to rounding, by regula falsi, and Illinois halves the value
+ * at an end that stays; `next` is the state after the share that was tried. There the next part begins. */
+static int follow_trial(const double *next, const double *u, const double *c, hda_passage *way) {
+    double margin[HDA_N];
+    int push[HDA_N];
+    find_margins(next, u, c, way->s, margin, push);
+    const double f = margin[way->which], share = way->share;
+    if (f > 0.0) {
+        way->begin = share;
+        way->first = f;
+        if (way->side > 0) way->last *= 0.5;
+        way->side = 1;
+    } else {
+        way->end = share;
+        way->last = f;
+        if (way->side < 0) way->first *= 0.5;
+        way->side = -1;
+    }
+    const double better =
+        f == 0.0 ? share : (way->begin * way->last - way->end * way->first) / (way->last - way->first);
+    if (fabs(better - share) > 1e-14 && way->trial++ < MOST_TRIALS) {
+        way->share = better;
+        way->span = better * way->left;
+        return 0;
+    }
+    memcpy(way->at, next, sizeof way->at);
+    for (int j = 0; j < HDA_N; j++) {
+        if (way->s[j] == 0.0) {
+            if (j == way->which) way->decided[j] = push[j];
+        } else if (j == way->which || margin[j] < 0.0) {
+            way->decided[j] = OPEN;
+            way->at[slide[j]] = 0.0;
+        }
+    }
+    way->left *= 1.0 - share;
+    begin_part(way, u, c);
+    return 0;
+}
+
+int hda_follow_passage(const double *next, const double *u, const double *c, hda_passage *way) {
+    if (way->phase == HDA_LAST) return end_passage(next, way);
+    return way->phase == HDA_WHOLE ? follow_whole(next, u, c, way) : follow_trial(next, u, c, way);
+}
+
+void hda_end_passage(const double *u, const double *c, hda_passage *way) {
+    double next[HDA_NX];
+    do {
+        hda_step_sliding(way->at, u, way->s, c, way->span, next);
+    } while (!hda_follow_passage(next, u, c, way));
 }
 
 static void step_set_valued(const double *x, const double *u, const double *c, double h, double *out) {
-    double at[HDA_NX], next[HDA_NX], s[HDA_N], before[HDA_N], after[HDA_N], left = h;
-    int decided[HDA_N] = {OPEN}, push[HDA_N], which = 0;
-    memcpy(at, x, sizeof at);
-    for (int event = 0; event < MOST_EVENTS; event++) {
-        double share = 1.0;
-        choose_directions(at, u, c, decided, s);
-        find_margins(at, u, c, s, before, push);
-        hda_step_sliding(at, u, s, c, left, next);
-        find_margins(next, u, c, s, after, push);
-        which = first_change(before, after, s, decided, &share);
-        if (which < 0) break;
-        if (share < 0.0) { /* friction holds it after all */
-            decided[which] = HELD;
-            continue;
-        }
-        share = locate_change(at, u, c, s, left, which, before[which], after[which], share, next);
-        find_margins(next, u, c, s, after, push);
-        for (int j = 0; j < HDA_N; j++) {
-            if (s[j] == 0.0) {
-                if (j == which) decided[j] = push[j];
-            } else if (j == which || after[j] < 0.0) {
-                decided[j] = OPEN;
-                next[slide[j]] = 0.0;
-            }
-        }
-        memcpy(at, next, sizeof at);
-        left *= 1.0 - share;
-    }
-    if (which >= 0) { /* too many changes in one step: whoever rests now rests until its end */
-        for (int j = 0; j < HDA_N; j++) decided[j] = at[slide[j]] == 0.0 ? HELD : OPEN;
-        choose_directions(at, u, c, decided, s);
-        hda_step_sliding(at, u, s, c, left, next);
-    }
-    for (int j = 0; j < HDA_N; j++) {
-        if (s[j] == 0.0 || next[slide[j]] * s[j] < 0.0) next[slide[j]] = 0.0;
-    }
-    memcpy(out, next, sizeof at);
+    hda_passage way;
+    hda_begin_passage(x, u, c, h, &way);
+    hda_end_passage(u, c, &way);
+    memcpy(out, way.at, sizeof way.at);
 }
 
 void hda_step_exact(const double *x, const double *u, const double *c, const double *h, double *out) {

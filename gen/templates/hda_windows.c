@@ -2,11 +2,12 @@
  * vector.
  *
  * A lane is a simulation of all windows. In vectors all lanes take the plain step, in which every motor slides as it
- * began to, or rests and dry friction holds it at the beginning and at the end; a lane of which a motor has given way,
- * stopped or turned back takes hda_step_exact instead; so do all where no more than a few are left.
+ * began to, or rests and dry friction holds it at the beginning and at the end. Lanes of which a motor has given way,
+ * stopped or turned back then search the change together, each at a time of its own; the last few of them go on alone.
  */
 #include "hda.h"
 #include "hda_parts.h"
+#include "hda_sliding.h"
 
 #include <string.h>
 
@@ -66,12 +67,18 @@ static inline __attribute__((always_inline)) void replace_lanes(const hda_batch_
     *a = (hda_batch)((*mask & (hda_batch_bits)*b) | (~*mask & (hda_batch_bits)*a));
 }
 
-/* The set-valued step of a lane alone. */
-static void step_single(const hda_batch *from, int lane, const double *u, const double *c, double h, hda_batch *to) {
-    double x[HDA_NX];
-    for (int i = 0; i < HDA_NX; i++) x[i] = from[i][lane];
-    hda_step_exact(x, u, c, &h, x);
-    for (int i = 0; i < HDA_NX; i++) to[i][lane] = x[i];
+/* hda_step_sliding of all lanes, in place, over a time and in directions of its own each. */
+static __attribute__((noinline)) void slide_lanes(const hda_batch *u, const hda_batch *s, const hda_batch *c,
+                                                  const hda_batch *time, hda_batch *x) {
+    batch_step(x, u, s, c, time);
+}
+
+static void read_lane(const hda_batch *from, int count, int lane, double *to) {
+    for (int i = 0; i < count; i++) to[i] = from[i][lane];
+}
+
+static void write_lane(const double *from, int count, int lane, hda_batch *to) {
+    for (int i = 0; i < count; i++) to[i][lane] = from[i];
 }
 
 /* Lanes in which dry friction holds every motor that rests, s being 0. */
@@ -85,13 +92,56 @@ static __attribute__((noinline)) void find_held(const hda_batch *x, const hda_ba
     }
 }
 
+/* The set-valued step, from `from`, of the lanes in `changing` alone. Those in `tried` have slid through the whole step
+ * already, to `went`. */
+static __attribute__((noinline)) void change_lanes(const lanes *of, long k, const hda_batch *from, const hda_batch *u,
+                                                   const hda_batch *c, double h, const hda_batch_bits *changing,
+                                                   const hda_batch_bits *tried, const hda_batch *went, hda_batch *x) {
+    hda_passage way[HDA_BATCH_WIDTH];
+    hda_batch at[HDA_NX], s[HDA_N], span = {0};
+    double next[HDA_NX];
+    int open[HDA_BATCH_WIDTH], many = 0;
+#define U(lane) (of->u[lane] + k * HDA_NU)
+    for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+        open[lane] = changing[0][lane] != 0;
+        if (!open[lane]) continue;
+        read_lane(from, HDA_NX, lane, next);
+        hda_begin_passage(next, U(lane), of->c[lane], h, &way[lane]);
+        read_lane(went, HDA_NX, lane, next);
+        if (tried[0][lane]) open[lane] = !hda_follow_passage(next, U(lane), of->c[lane], &way[lane]);
+        many += open[lane];
+    }
+    memcpy(at, from, sizeof at);
+    memset(s, 0, sizeof s);
+    while (many > FEW) {
+        for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+            if (!open[lane]) continue;
+            write_lane(way[lane].at, HDA_NX, lane, at);
+            write_lane(way[lane].s, HDA_N, lane, s);
+            span[lane] = way[lane].span;
+        }
+        slide_lanes(u, s, c, &span, at);
+        for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+            if (!open[lane]) continue;
+            read_lane(at, HDA_NX, lane, next);
+            open[lane] = !hda_follow_passage(next, U(lane), of->c[lane], &way[lane]);
+            many -= !open[lane];
+        }
+    }
+    for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+        if (open[lane]) hda_end_passage(U(lane), of->c[lane], &way[lane]);
+        if (changing[0][lane]) write_lane(way[lane].at, HDA_NX, lane, x);
+    }
+#undef U
+}
+
 /* The set-valued step of all lanes; what becomes of those that are not `good` does not matter. */
 static void step_lanes(const lanes *of, long k, const hda_batch *u, const hda_batch *c, double h,
                        const hda_batch_bits *good, hda_batch *x) {
-    hda_batch from[HDA_NX], s[HDA_N];
-    hda_batch_bits plain = *good, rests = {0};
-    int many = 0, resting = 0;
-    for (int i = 0; i < HDA_NX; i++) from[i] = x[i];
+    hda_batch from[HDA_NX], s[HDA_N], went[HDA_NX];
+    hda_batch_bits plain = *good, rests = {0}, tried = {0}, changing = {0};
+    int many = 0, resting = 0, change = 0;
+    for (int i = 0; i < HDA_NX; i++) from[i] = went[i] = x[i];
     for (int j = 0; j < HDA_N; j++) {
         hda_batch_sign(&from[slide[j]], &s[j]);
         plain &= (hda_batch_bits)(s[j] == s[j]);
@@ -102,7 +152,10 @@ static void step_lanes(const lanes *of, long k, const hda_batch *u, const hda_ba
     if (resting) find_held(x, u, s, c, &plain);
     for (int lane = 0; lane < of->count; lane++) many -= (int)plain[lane];
     if (many > FEW) {
-        batch_step(x, u, s, c, h);
+        const hda_batch time = (hda_batch){0} + h;
+        tried = plain;
+        slide_lanes(u, s, c, &time, x);
+        memcpy(went, x, sizeof went);
         for (int j = 0; j < HDA_N; j++) {
             const hda_batch_bits still = (hda_batch_bits)(s[j] == 0.0);
             x[slide[j]] = (hda_batch)(~still & (hda_batch_bits)x[slide[j]]);
@@ -113,8 +166,10 @@ static void step_lanes(const lanes *of, long k, const hda_batch *u, const hda_ba
         memset(&plain, 0, sizeof plain);
     }
     for (int lane = 0; lane < of->count; lane++) {
-        if (good[0][lane] && !plain[lane]) step_single(from, lane, of->u[lane] + k * HDA_NU, of->c[lane], h, x);
+        changing[lane] = good[0][lane] & ~plain[lane];
+        change |= changing[lane] != 0;
     }
+    if (change) change_lanes(of, k, from, u, c, h, &changing, &tried, went, x);
 }
 
 /* Row k: `now` becomes x, is stored and moved to the next row; lanes that would leave the limit are good no more and

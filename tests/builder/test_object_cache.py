@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from arms import arm
+from compilers import compiler as find_command
 from stub_compiler import stub_compiler
 
 from gen.builder import compiler, object_cache
 from gen.builder.build import OBJECT_FOLDER, build_robot
+from gen.builder.build_files import TEMPLATES
+from gen.builder.deciding_text import MACRO, MACRO_HEADERS, collect_deciding_text
+from gen.mpc.problem_structure import Structure
 
 
 @pytest.fixture
@@ -38,7 +44,7 @@ def test_a_robot_of_the_same_structure_takes_what_was_compiled(stub: Path) -> No
     robot.write_text(arm("RR").replace("mass = ", "mass = 1", 1))
     second, made = build_robot(str(robot), "portable", out)
     assert made and second != first
-    assert compiled(stub) == []  # the stub gives the same text for the same command
+    assert compiled(stub) == ["hda_python.c", "hda_rodas.c"]  # which name the build, and widths of differences
     for path in (out / OBJECT_FOLDER).glob("*.o"):
         path.write_text("damaged")
     robot.write_text(arm("RR").replace("mass = ", "mass = 2", 1))
@@ -48,13 +54,15 @@ def test_a_robot_of_the_same_structure_takes_what_was_compiled(stub: Path) -> No
 
 def test_what_is_kept_is_whole_and_no_more_than_the_newest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(object_cache, "MOST_OBJECTS", 3)
-    keys = [object_cache.hash_object(bytes([k]), ("cc",), "1") for k in range(5)]
+    keys = [object_cache.hash_object(bytes([k]), b"", ("cc",), "1") for k in range(5)]
     assert len(set(keys)) == 5
-    assert (
-        object_cache.hash_object(b"x", ("cc", "-O2"), "1")
-        != object_cache.hash_object(b"x", ("cc",), "1")
-        != object_cache.hash_object(b"x", ("cc",), "2")
-    )
+    others = [
+        object_cache.hash_object(b"x", b"", ("cc", "-O2"), "1"),
+        object_cache.hash_object(b"x", b"", ("cc",), "1"),
+        object_cache.hash_object(b"x", b"", ("cc",), "2"),
+        object_cache.hash_object(b"x", b"y", ("cc",), "1"),
+    ]
+    assert len(set(others)) == 4
     for k, name in enumerate(keys):
         object_cache.store_object(tmp_path, name, bytes([k]) * 10)
     assert len(list(tmp_path.iterdir())) == 3
@@ -62,3 +70,52 @@ def test_what_is_kept_is_whole_and_no_more_than_the_newest(tmp_path: Path, monke
     (path,) = tmp_path.glob(f"{keys[4]}-*.o")
     path.write_bytes(b"other")
     assert object_cache.fetch_object(tmp_path, keys[4]) is None and not path.exists()
+
+
+@pytest.mark.parametrize(("profile", "mpc"), [("portable", Structure(nodes=3)), ("native", None)])
+def test_macros_that_do_not_count_change_nothing_that_is_compiled(
+    stub: Path, profile: str, mpc: Structure | None
+) -> None:
+    """As the preprocessor of a real compiler has it; other macros count."""
+    robot = stub / "robot.toml"
+    robot.write_text(arm("RR"))
+    folder, _ = build_robot(str(robot), profile, stub / "build", mpc=mpc)
+    headers = {name: (folder / name).read_bytes() for name in MACRO_HEADERS if (folder / name).exists()}
+    counted, passed_over = set[str](), set[str]()
+    for source in sorted(path.name for path in folder.glob("hda_*.c")):
+        text, plain = collect_deciding_text(folder, source), preprocess(folder, source, profile)
+        for name, header in headers.items():
+            macros = {line[1].decode(): line[0] for line in MACRO.finditer(header)}
+            unnamed = {macro for macro, line in macros.items() if line not in text}
+            counted |= macros.keys() - unnamed
+            passed_over |= unnamed
+            lines = [f"#define {m} other\n".encode() if m in unnamed else line for m, line in macros.items()]
+            (folder / name).write_bytes(replace_all(header, dict(zip(macros.values(), lines, strict=True))))
+        assert collect_deciding_text(folder, source) == text
+        assert preprocess(folder, source, profile) == plain, source
+        for name, header in headers.items():
+            (folder / name).write_bytes(header)
+    assert {"HDA_N", "HDA_NX", "HDA_NP", "HDA_BUILD", "HDA_WIDTH"} <= counted
+    assert {"HDA_NOMINAL", "HDA_NX", "HDA_NP", "HDA_BUILD", "HDA_WIDTH"} <= passed_over
+
+
+@pytest.mark.parametrize("header", ["hda.h", "hda_guard.h", "hda_parts.h"])
+def test_every_header_that_is_included_counts(tmp_path: Path, header: str) -> None:
+    shutil.copytree(str(TEMPLATES), tmp_path / "c")
+    (tmp_path / "c" / "hda.h").write_text('#include "hda_guard.h"\n')
+    (tmp_path / "c" / "hda_sizes.h").write_text("")
+    before = collect_deciding_text(tmp_path / "c", "hda_step.c")
+    with (tmp_path / "c" / header).open("a") as file:
+        file.write("int more;\n")
+    assert collect_deciding_text(tmp_path / "c", "hda_step.c") != before
+
+
+def replace_all(text: bytes, changes: dict[bytes, bytes]) -> bytes:
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    return text
+
+
+def preprocess(folder: Path, source: str, profile: str) -> str:
+    command = [*find_command("gcc"), *compiler.compiler_flags(profile), "-E", "-P", source]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout

@@ -1,5 +1,4 @@
-"""Lanes of windows in vectors: what each lane alone would be, to rounding where every motor slides or rests on, to the
-bit where one gives way, stops or turns back."""
+"""Lanes of windows in vectors: what each lane alone would be, to rounding, and motors rest at the same steps."""
 
 from __future__ import annotations
 
@@ -110,9 +109,9 @@ def test_lanes_are_what_each_alone_would_be(build: Builder, robot: str, profile:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_steps_with_an_event_are_the_scalar_ones_to_the_bit(build: Builder, robot: str) -> None:
-    """Every row against hda_step_exact from the row before: vectors take those only in which all motors slide or rest
-    on."""
+def test_steps_are_the_scalar_ones(build: Builder, robot: str) -> None:
+    """Every row against hda_step_exact from the row before, also those in which a motor gives way, stops or turns
+    back."""
     arm = build(ROBOTS[robot][0], "native", ROBOTS[robot][1])
     assert arm.module.batch_width > 1
     given, slide = lanes(arm, 24), speeds(arm)
@@ -125,7 +124,6 @@ def test_steps_with_an_event_are_the_scalar_ones_to_the_bit(build: Builder, robo
         (step,) = arm("step_exact", x[within], u[rows[within]], own, held)
         found, before, after = x[within + 1], x[within][:, slide], x[within + 1][:, slide]
         event, rest = (np.sign(before) != np.sign(after)).any(1), (before == 0).any(1)
-        assert np.array_equal(found[event], step[event])
         assert np.array_equal(after == 0, step[:, slide] == 0)
         assert off(found[None], step[None]) < ROUNDING
         rests, stops, slides = rests + (rest & ~event).sum(), stops + event.sum(), slides + (~rest & ~event).sum()

@@ -10,7 +10,7 @@ frictions in place of all others are fitted as well. Motion that no fit saw then
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.gauss_newton import place_sizes
@@ -52,25 +52,40 @@ def fit_ordinary_frictions(
         begun = start_fit(at, candidates, atoms, near, start)
         return continue_fit(begun, candidates, SEARCH.most_further_steps, 1.0).without_columns()
 
-    wanted = dict.fromkeys(_list_sets(candidates, lead))
-    return map_in_threads(fit_set, [atoms for atoms in wanted if candidates.names_of(atoms) not in ended])
+    def fit_sets(some: Sequence[tuple[int, ...]]) -> list[Fit]:
+        return map_in_threads(fit_set, [one for one in dict.fromkeys(some) if candidates.names_of(one) not in ended])
+
+    sets = _list_sets(candidates, lead)
+    found = fit_sets(sets)
+    frictions = list_ordinary_frictions(candidates)
+    whole = next((fit for fit in (*found, *fits) if sets and fit.names == candidates.names_of(sets[-1])), None)
+    if whole is None or not _has_nearly_all(whole, frictions):
+        return found
+    lesser = [tuple(k for k in sets[-1] if k != one) for one in frictions]
+    return [*found, *fit_sets([one for one in lesser if one not in sets])]
 
 
-def _list_sets(candidates: CandidateSet, lead: Fit) -> Iterator[tuple[int, ...]]:
+def _list_sets(candidates: CandidateSet, lead: Fit) -> list[tuple[int, ...]]:
     """List the sets by places of candidates: the ordinary frictions of every joint with a friction of the leader, and
-    those of all joints, each alone and beside the leader's other effects; then the largest set without one friction."""
+    those of all joints, each alone and beside the leader's other effects."""
     known = [k for k in lead.effects if k < len(candidates.members)]
     beside = [k for k in known if not candidates.members[k].traits.is_friction]
     joints = {candidates.members[k].joint for k in known if candidates.members[k].traits.is_friction}
     if not joints:
-        return
+        return []
     every = list_ordinary_frictions(candidates)
     at_joints = [k for k in every if candidates.members[k].joint in joints]
-    for frictions in (at_joints, every):
-        yield tuple(sorted(frictions))
-        yield tuple(sorted((*beside, *frictions)))
-    for one in every:
-        yield tuple(sorted((*beside, *(k for k in every if k != one))))
+    return [tuple(sorted((*own, *frictions))) for frictions in (at_joints, every) for own in ((), beside)]
+
+
+def _has_nearly_all(fit: Fit, frictions: Sequence[int]) -> bool:
+    """Tell whether nearly all frictions of a fit count as present. Only then can the set without one of them, or
+    without two, stand."""
+    words = fit.sensitivities.candidates
+    points = fit.posterior[0], words.to_theta(fit.sensitivities.point.p)
+    sizes = {k: min(words.measure_size(k, one) for one in points) for k in frictions}
+    absent = sum(size < words.presence_threshold(k) for k, size in sizes.items())
+    return absent <= SEARCH.most_absent_frictions
 
 
 def list_ordinary_frictions(candidates: CandidateSet) -> list[int]:

@@ -51,6 +51,9 @@ class SearchSettings:
     refit_rounds: int = declare_setting(
         3, "rounds", "rounds for hypotheses that start at the leader's point: its subsets and look-alikes"
     )
+    most_absent_frictions: int = declare_setting(
+        3, "frictions", "with more of the ordinary frictions absent beside all of them, no set without one is fitted"
+    )
     at_bound_deviations: float = declare_setting(
         2.5, "spike widths", "a nuisance effect is at its bound from here: the slope in a bent valley promises little"
     )
