@@ -23,15 +23,15 @@ from hdagen.mpc.predictive_controller import MPC, TickReport
 from hdagen.mpc.wall import Wall
 from hdagen.simulation.ideal_admittance import simulate_ideal_admittance
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import Push, Simulation, run
+from hdagen.simulation.simulator import Push, Simulation, SpacePush, run
 
 WALL_DAMPING_SECONDS = 0.02  # s: damping of a wall per stiffness
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A run: the simulation, the force of the walls (T, 2, N), reports of a predictive controller, and the time of its
-    ticks (T, 2, s of thread time: preparation, tick)."""
+    """A run: the simulation, the force of the walls (T, 2, in space 6, N), reports of a predictive controller, and the
+    time of its ticks (T, 2, s of thread time: preparation, tick)."""
 
     simulation: Simulation
     wall_force: Array
@@ -102,7 +102,7 @@ def run_trial(
     arm: Arm,
     controller: Controller,
     path: Reference,
-    pushes: Sequence[Push] = (),
+    pushes: Sequence[Push | SpacePush] = (),
     sensors: Sensors | None = None,
     walls: Sequence[Wall] = (),
     seed: int = 0,

@@ -11,7 +11,7 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.pose_kinematics import POSE_SIZE
 from hdagen.mpc.configuration import Configuration, expand_values, resolve_limits
-from hdagen.mpc.target_axes import count_positions, count_tip_coordinates, follows_pose
+from hdagen.mpc.target_coordinates import count_positions, count_tip_coordinates, follows_pose
 from hdagen.prediction.measurement_model import compute_encoder_noise
 
 TURN_WEIGHTS = ((1e5, 1.0), (10.0, 1e-4))  # 1/rad² and s²/rad²: usual, and of fewer than six joints

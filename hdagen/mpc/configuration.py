@@ -13,7 +13,7 @@ import numpy as np
 from hdagen.arm.build_loader import PlantError
 from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, CONFIGURATION_TABLES, keys_of_table
 from hdagen.mpc.configuration_value import convert_value
-from hdagen.mpc.target_axes import count_positions, count_tip_coordinates, follows_pose
+from hdagen.mpc.target_coordinates import count_positions, count_tip_coordinates, follows_pose
 from hdagen.mpc.wall import WALL_ROUNDING, Wall, find_least_distance, leave_no_room
 from hdagen.support.input_file import InputFileError, read_toml
 from hdagen.support.messages import show_path, show_value, suggest_name

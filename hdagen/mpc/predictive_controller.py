@@ -28,7 +28,7 @@ from hdagen.mpc.compiled_settings import (
     pack_settings,
 )
 from hdagen.mpc.configuration import Configuration, expand_values, list_admittance_gains
-from hdagen.mpc.target_axes import follows_pose
+from hdagen.mpc.target_coordinates import follows_pose
 from hdagen.mpc.wall import Wall
 
 RUNGS = ("on the plan", "on the last plan, shifted", "held by an impedance", "on the ramp to the safe torque")

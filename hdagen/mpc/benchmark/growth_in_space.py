@@ -26,13 +26,14 @@ from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.mpc.wall import Wall
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import Push
+from hdagen.simulation.simulator import SpacePush
 
 CIRCLE_SIZE, CIRCLE_TURN, GROWTH_SECONDS = 0.05, 1.5, 1.5  # m, s, s
-GROWTH_PUSHES = (Push(0.3, 0.7, (6.0, -4.0, 5.0)),)
+GROWTH_PUSHES = (SpacePush(0.3, 0.7, (6.0, -4.0, 5.0)),)
 GROWTH_RUNS, FIRST_TICKS = 5, 50  # timed runs of a size; ticks at the start that are not counted
-FAR_WALLS = (Wall((1.0, 0.0, 0.0), 90.0), Wall((0.0, 0.0, 1.0), 90.0))
+DISTANT_WALLS = (Wall((1.0, 0.0, 0.0), 90.0), Wall((0.0, 0.0, 1.0), 90.0))
 HELD_SHARE = 0.9  # of what the free run took, that the limits leave
+LEAST_LIMIT = 1e-3  # of any limit, in its unit
 NUMBERS = ("ratio", "motor_inertia", "torque_constant", "viscous_friction", "coulomb_friction", "max_current")
 SPRINGS = (
     *("torsional_damping", "flexspline_stiffness", "flexspline_stiffening"),
@@ -83,7 +84,7 @@ def measure_growth(
             say(f"{joints} joints")
             path = Path(folder) / "robot.toml"
             path.write_text(format_first_joints(described, joints), encoding="utf-8")
-            c = Configuration().with_changes(FAR_WALLS, limits__tip_speed=10.0)
+            c = Configuration().with_changes(DISTANT_WALLS, limits__tip_speed=10.0)
             out.append(_time_size(load(path, profile, mpc=c), c))
     return tuple(out)
 
@@ -174,19 +175,26 @@ def hold_within(arm: Arm, c: Configuration, free: Trial, start: Array) -> Config
     up, down = q.max(0) - start, start - q.min(0)
     walls = tuple(
         Wall(wall.normal, float(s.tip[0] @ normal + HELD_SHARE * np.max((s.tip - s.tip[0]) @ normal)))
-        for wall in FAR_WALLS
+        for wall in DISTANT_WALLS
         for normal in [np.array(wall.normal)]
     )
+    hold = np.abs(arm.evaluate("gravity_torque", q=q)["g"]).max(0) / ratio
     limits: dict[str, Any] = {
-        "motor_torque": HELD_SHARE * np.abs(s.torque).max(0),
-        "torque_rate": HELD_SHARE * changed,
-        "motor_speed": HELD_SHARE * np.abs(v).max(0) * ratio,
+        "motor_torque": _leave_share(np.abs(s.torque).max(0), hold),
+        "torque_rate": _leave_share(changed),
+        "motor_speed": _leave_share(np.abs(v).max(0) * ratio),
         "joint_low": start - np.where(down > up, HELD_SHARE, 1.1) * down - 1e-3,
         "joint_high": start + np.where(up >= down, HELD_SHARE, 1.1) * up + 1e-3,
-        "joint_torque": HELD_SHARE * np.abs(s.joint_torque).max(0),
+        "joint_torque": _leave_share(np.abs(s.joint_torque).max(0), hold * ratio),
     }
     named = {f"limits__{name}": tuple(values.tolist()) for name, values in limits.items()}
-    return c.with_changes(walls, **named, limits__tip_speed=float(HELD_SHARE * moved))
+    return c.with_changes(walls, **named, limits__tip_speed=float(_leave_share(moved)))
+
+
+def _leave_share(taken: Array, hold: Array | float = 0.0) -> Array:
+    """A limit within what was taken, that leaves a tenth more than what holds the arm; above 0 where nothing moved, as
+    the first joint of many arms turns the tip alone."""
+    return np.asarray(np.maximum(HELD_SHARE * taken, np.maximum(1.1 * np.asarray(hold), LEAST_LIMIT)))
 
 
 def format_growth(found: Sequence[GrowthTiming]) -> list[str]:
