@@ -159,7 +159,7 @@ def build_robot(
     folder, name, content = locate_build(source, profile, out, extra, mpc)
     if is_intact(folder, name):
         return folder, False
-    library, effects, examined = assemble_library(source, _load_robot(source, mpc), extra)
+    library, effects, examined = assemble_library(source, load(source), extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
     try:
@@ -188,15 +188,6 @@ def build_robot(
             "writable folder with --out."
         ) from error
     return folder, True
-
-
-def _load_robot(source: str, mpc: Structure | None) -> Robot:
-    """The robot. Raises BuildError where it moves in space and is to have the predictive controller."""
-    robot = load(source)
-    if mpc and robot.in_space:
-        possible = "possible with --mpc are arms in the plane; leave it out"
-        raise BuildError(f"{source}: its joints stand in space, {possible}.")
-    return robot
 
 
 def assemble_library(

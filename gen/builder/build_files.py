@@ -163,8 +163,7 @@ def make_files(
 
         added, described = controller(made, mpc, lanes)
         files |= added
-        axes = 2 if mpc.space == "tip" else graphs.model.n
-        path = max(64, 2 * axes * (mpc.nodes + 1))
+        path = max(64, 2 * described["axes"] * (mpc.nodes + 1))
         files["hda_sizes.h"] = headers.emit_sizes(graphs.model, int(graphs.c.numel()), build, lanes, path)
         how = how | {"mpc": described}
     files["hda_laws.h"] = headers.emit_laws(made.laws)

@@ -41,6 +41,7 @@ def make_mpc_files(library: Library, structure: Structure, native: bool) -> tupl
     out["hda_mpc_sizes.h"] = emit_mpc_sizes(made)
     out["hda_mpc_stage.h"] = emit_stage(made, native)
     out["hda_mpc_jacobian.h"] = emit_jacobians(library)
+    out["hda_mpc_axes.h"] = emit_axes(made, library.graphs.c)
     out |= osqp_files(made, find_simple_entries(made))
     return out, describe_controller(made)
 
@@ -69,11 +70,26 @@ def describe_controller(made: Stage) -> dict[str, Any]:
         "torque": made.torque_units,
         "rows": [*rows, *of, *torques, "tip_speed", *walls],
         "speed": VELOCITY_UNIT,
+        "axes": made.axes.count,
+        "orientation": made.axes.orientation_size,
         "outputs": made.ny,
         "simple": simple,
         "shared": made.shared_offsets["end"],
         "statuses": read_statuses(),
     }
+
+
+def emit_axes(made: Stage, c: Any) -> str:
+    """hda_mpc_axes.h: the target's axes."""
+    parts = [_print_static(f) for f in made.axes.list_functions(c)]
+    return add_include_guard("HDA_MPC_AXES_H", "The axes of the target.", "#include <math.h>\n\n" + "\n".join(parts))
+
+
+def _print_static(f: ca.Function) -> str:
+    """A function over doubles for one file."""
+    arguments = [f"const double *{f.name_in(k)}" for k in range(f.n_in())]
+    arguments += [f"double *{f.name_out(k)}" for k in range(f.n_out())]
+    return scalar_function(f, "", f"static void {f.name()}({', '.join(arguments)})")
 
 
 def emit_jacobians(library: Library) -> str:
@@ -88,11 +104,7 @@ def emit_jacobians(library: Library) -> str:
     damping = ca.vertcat(*(model.joint_parameters(j).get("torsional_damping", 0.0) for j in model.joints))
     gear = make_dense_function("mpc_gear", {"c": c}, {"ratio": ratios, "damping": damping})
     torque = make_dense_function("mpc_torque_constants", {"c": c}, {"constant": constants})
-    parts = []
-    for f in (step, gear, torque):
-        arguments = [f"const double *{f.name_in(k)}" for k in range(f.n_in())]
-        arguments += [f"double *{f.name_out(k)}" for k in range(f.n_out())]
-        parts.append(scalar_function(f, "", f"static void {f.name()}({', '.join(arguments)})"))
+    parts = [_print_static(f) for f in (step, gear, torque)]
     return add_include_guard(
         "HDA_MPC_JACOBIAN_H", "What the estimator takes from the model.", "#include <math.h>\n\n" + "\n".join(parts)
     )
@@ -117,7 +129,8 @@ def emit_mpc_sizes(made: Stage) -> str:
         "NX_WIDE": _next_power_of_two(made.nx), "N_WIDE": _next_power_of_two(max(2, made.model.n)),
         "WALLS": made.structure.walls, "FLEXIBLE": len(made.model.flexible),
         "TURNING": int(all(joint.kind == "revolute" for joint in made.model.robot.joints)),
-        "JOINT_SPACE": int(made.structure.space == "joint"),
+        "JOINT_SPACE": int(made.structure.space == "joint"), "AXES_COUNT": made.axes.count,
+        "POSITIONS": made.axes.positions, "ORIENTATION": made.axes.orientation_size,
         "SIMPLE": _c_list(find_simple_entries(made)),
         "INDEX": _c_list(made.horizon_entries), "SCALE": _c_list(made.state_units),
         "TORQUE": _c_list(made.torque_units), "MEMORIES": len(made.held_entries), "MEMORY": _c_list(held),

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from gen.model.function_library import Library
+from gen.model.rotation_vectors import find_rotation_vector, make_rotation_matrix
 from gen.mpc.horizon_stage import VELOCITY_UNIT, Stage, make_stage
 from gen.mpc.problem_structure import Structure
 
@@ -28,7 +29,8 @@ def solve_problem(library: Library, structure: Structure, problem: Mapping[str, 
         library: The library.
         structure: The controller's structure.
         problem: In the controller's units: x (first state), T (torques: the starting guess, and the plan to compare),
-            before, shared, force, goal (nodes × outputs), weights (2 × outputs: all nodes, last), torque_weight,
+            before, shared, force, goal (nodes × outputs), orientation (nodes × 9 in space: that from which the
+            goal's turn is told, else × 0), weights (2 × outputs: all nodes, last), torque_weight,
             rate_weight, hold, low, high, linear, square (rows), grid, period, simple, fading.
 
     Returns:
@@ -99,7 +101,8 @@ def _pose_problem(made: Stage, data: Mapping[str, Any], T: Any, x: Any, slack: A
         at = x[:, k]
         y, _, g, _ = made.output_graph(at, shared)
         last = int(k == nodes - 1)
-        cost += 0.5 * ca.dot(data["weights"][last], (y - data["goal"][k]) ** 2)
+        off = _find_distances(made, y, data["goal"][k], data["orientation"][k])
+        cost += 0.5 * ca.dot(data["weights"][last], off**2)
         cost += 0.5 * ca.dot(data["torque_weight"], (T[:, k] - data["hold"]) ** 2)
         cost += 0.5 * ca.dot(data["rate_weight"], (T[:, k] - before) ** 2)
         soft, s = ca.vertcat(*(at[i] for i in simple), g), slack[:, k]
@@ -114,13 +117,30 @@ def _pose_problem(made: Stage, data: Mapping[str, Any], T: Any, x: Any, slack: A
     return cost, ca.vertcat(*rows), (np.concatenate(low), np.concatenate(high))
 
 
+def _find_distances(made: Stage, y: Any, goal: Any, seen: Any) -> Any:
+    """Outputs less their goal; of a turn the rotation vector between both orientations, of which the goal is told from
+    the one that the controller saw."""
+    off, axes = y[: made.ny] - goal, made.axes
+    if axes.follows_pose:
+        turns = slice(axes.positions, axes.count)
+        wanted = make_rotation_matrix(SX(goal[turns])) @ SX(ca.reshape(ca.DM(seen), 3, 3))
+        off[turns] = _turn_between(ca.DM(ca.evalf(wanted)))(y[made.ny :])
+    return off
+
+
+def _turn_between(wanted: Any) -> ca.Function:
+    """The rotation vector from an orientation, column by column, to where it is looked at from the wanted one."""
+    R = SX.sym("R", 9)
+    return ca.Function("turn", [R], [find_rotation_vector(ca.reshape(R, 3, 3) @ wanted.T)])
+
+
 def _restore_infinities(bound: Any) -> Any:
     return np.where(np.abs(bound) > 1e19, np.sign(bound) * np.inf, bound)
 
 
 def _make_integrator(made: Stage) -> ca.Function:
     """A node by small steps of RK4, in the controller's units."""
-    x, T, F = SX.sym("x", made.nx), SX.sym("T", made.model.n), SX.sym("F", 2)
+    x, T, F = SX.sym("x", made.nx), SX.sym("T", made.model.n), SX.sym("F", len(made.model.u_slots) - made.model.n)
     shared, duration = SX.sym("shared", made.shared_offsets["end"]), SX.sym("h")
     half, h, at = made.nx // 2, duration / STEPS_PER_NODE, x
 

@@ -39,7 +39,10 @@ def add_parser(commands: Any) -> None:
     )
     p.add_argument("--quick", action="store_true", help="a tenth of the rounds; the tails say little then")
     p.add_argument(
-        "--mpc", action="store_true", help="the predictive controller's solvers on a closed loop, against its bars"
+        "--mpc",
+        action="store_true",
+        help="the predictive controller's solvers on a closed loop, against its bars; of an arm in space its growth "
+        "with the joints",
     )
     p.add_argument("--runs", type=int, default=None, help="of --mpc: random runs (default: 20)")
     p.add_argument("--json", action="store_true", help="print everything as JSON")
@@ -57,11 +60,10 @@ def run(options: argparse.Namespace) -> int:
     """
     from rich.console import Console
 
-    from hdagen.arm.build_loader import PlantError
     from hdagen.bench.benchmark import run_bench
 
     if options.mpc and options.robot != ROBOT:
-        raise PlantError(f"--mpc: its closed loop and its bars are of {ROBOT}; leave {options.robot} out.")
+        return _run_growth(options)
     if options.mpc:
         return _run_predictive(options)
     rounds = 300
@@ -94,6 +96,23 @@ def _run_predictive(options: argparse.Namespace) -> int:
     else:
         print("\n".join(format_mpc_bench(found)))
     return int(any(not bar.is_met for bar in found.bars))
+
+
+def _run_growth(options: argparse.Namespace) -> int:
+    """Measure the predictive controller of an arm in space by its joints, and print; there are no bars."""
+    from rich.console import Console
+
+    from hdagen.bench.host_computer import describe_machine
+    from hdagen.mpc.benchmark.growth_in_space import format_growth, measure_growth
+
+    machine = describe_machine()
+    with Console(stderr=True).status("starting") as status:
+        found = measure_growth(options.robot, "native", status.update)
+    if options.json:
+        print(json.dumps({"machine": machine, "sizes": [asdict(size) for size in found]}, indent=1))
+    else:
+        print("\n".join(format_growth(found)))
+    return 0
 
 
 def _print_bench(found: BenchResult) -> None:

@@ -143,7 +143,6 @@ def _simulate_predictive(options: argparse.Namespace) -> int:
     from hdagen.mpc.recorded_simulation import format_simulated_run, simulate_with_record
     from hdagen.mpc.tick_record import find_record_path
     from hdagen.simulation.simulated_sensors import Sensors
-    from hdagen.simulation.simulator import Push
 
     c = Configuration()
     if options.config:
@@ -159,10 +158,9 @@ def _simulate_predictive(options: argparse.Namespace) -> int:
         path = convert_to_joint_motion(arm, path, posture)
     if c["mpc.space"] != path.space:
         raise PlantError("the path is of the joints and mpc.space of the configuration is tip; make them equal.")
-    pushes = [push for push in _read_pushes(options.push) if isinstance(push, Push)]
-    if len(pushes) < len(options.push):
-        raise PlantError("--push takes FROM TO FX FY with --controller mpc.")
-    found, result = simulate_with_record(arm, c, path, pushes, Sensors(delay=options.delay), options.seed, options.out)
+    pushes, sensors = _read_pushes(options.push), Sensors(delay=options.delay)
+    start = posture if arm.moves_in_space else None
+    found, result = simulate_with_record(arm, c, path, pushes, sensors, options.seed, options.out, start)
     if options.json:
         figures: dict[str, Any] = {"log": str(options.out), "record": str(find_record_path(options.out))}
         if result:

@@ -61,6 +61,24 @@ def find_rotation_gap(wanted: ArrayLike, columns: Array) -> Array:
     return (Rotation.from_rotvec(wanted) * Rotation.from_matrix(_stack_matrices(columns)).inv()).as_rotvec()
 
 
+def add_turns(turn: ArrayLike, first: ArrayLike) -> Array:
+    """Turn orientations further.
+
+    Args:
+        turn: (…, 3), rotation vectors in the base frame.
+        first: (…, 3), rotation vectors of the orientations.
+
+    Returns:
+        (…, 3), rotation vectors.
+
+    """
+    from scipy.spatial.transform import Rotation
+
+    shape = np.shape(first)
+    one, other = (Rotation.from_rotvec(np.reshape(vectors, (-1, 3))) for vectors in (turn, first))
+    return (one * other).as_rotvec().reshape(shape)
+
+
 def solve_tip_pose(arm: Arm, pose: ArrayLike, near: ArrayLike) -> Array:
     """Solve the inverse kinematics of a pose by damped least squares, with bounded steps.
 

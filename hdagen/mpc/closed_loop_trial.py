@@ -23,15 +23,15 @@ from hdagen.mpc.predictive_controller import MPC, TickReport
 from hdagen.mpc.wall import Wall
 from hdagen.simulation.ideal_admittance import simulate_ideal_admittance
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import Push, Simulation, run
+from hdagen.simulation.simulator import Push, Simulation, SpacePush, run
 
 WALL_DAMPING_SECONDS = 0.02  # s: damping of a wall per stiffness
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A run: the simulation, the force of the walls (T, 2, N), reports of a predictive controller, and the time of its
-    ticks (T, 2, s of thread time: preparation, tick)."""
+    """A run: the simulation, the force of the walls (T, 2, in space 6, N), reports of a predictive controller, and the
+    time of its ticks (T, 2, s of thread time: preparation, tick)."""
 
     simulation: Simulation
     wall_force: Array
@@ -61,13 +61,14 @@ class WallWorld:
     forces: list[Array] = field(default_factory=list)
 
     def __call__(self, tip: Array, velocity: Array) -> Array:
-        """Force of the walls on the tip, N (2)."""
-        total = np.zeros(2)
+        """Force of the walls on the tip, N (2, or 3 in space)."""
+        total = np.zeros(len(tip))
         for wall in self.walls:
             normal = np.array(wall.normal)
             depth = float(normal @ tip) - wall.offset
             if wall.stiffness is not None and depth > 0:
-                push = wall.stiffness * (depth + WALL_DAMPING_SECONDS * max(float(normal @ velocity), 0.0))
+                into = float(normal @ velocity[: len(tip)])
+                push = wall.stiffness * (depth + WALL_DAMPING_SECONDS * max(into, 0.0))
                 total -= push * normal
         self.forces.append(total)
         return total
@@ -101,7 +102,7 @@ def run_trial(
     arm: Arm,
     controller: Controller,
     path: Reference,
-    pushes: Sequence[Push] = (),
+    pushes: Sequence[Push | SpacePush] = (),
     sensors: Sensors | None = None,
     walls: Sequence[Wall] = (),
     seed: int = 0,
@@ -148,7 +149,8 @@ def _wall_forces(world: WallWorld | None, done: Simulation) -> Array:
     """Force of the walls at every row."""
     if world is None:
         return np.zeros_like(done.push)
-    return np.array(world.forces[: len(done.push)])
+    forces = np.array(world.forces[: len(done.push)])
+    return np.pad(forces, ((0, 0), (0, done.push.shape[1] - forces.shape[1])))
 
 
 def evaluate_trial(arm: Arm, c: Configuration, path: Reference, found: Trial, controller: Controller) -> TrialOutcome:
@@ -166,8 +168,9 @@ def evaluate_trial(arm: Arm, c: Configuration, path: Reference, found: Trial, co
 
     """
     s = found.simulation
-    goal = path.position + simulate_ideal_admittance(controller, s.push, path.period, list_admittance_gains(c))
-    distance = np.linalg.norm(s.tip - goal, axis=1)
+    gains = list_admittance_gains(arm.robot, c)
+    goal = path.position + simulate_ideal_admittance(controller, s.push, path.period, gains)
+    distance = np.linalg.norm(s.tip - goal[:, : s.tip.shape[1]], axis=1)
     broken, near = measure_violations(arm, c, s)
     free = distance[~near]
     free_distance, start = 0.0, 0
@@ -181,7 +184,7 @@ def evaluate_trial(arm: Arm, c: Configuration, path: Reference, found: Trial, co
         largest=float(distance.max()),
         free_distance=free_distance,
         contact=float(np.linalg.norm(found.wall_force, axis=1).max(initial=0.0)),
-        released=float(np.sqrt(np.mean(np.sum((s.tip - path.position)[start:] ** 2, 1)))),
+        released=float(np.sqrt(np.mean(np.sum((s.tip - path.position[:, : s.tip.shape[1]])[start:] ** 2, 1)))),
         refused=int((s.status < 0).sum()),
         violated=broken,
     )

@@ -13,6 +13,7 @@ import numpy as np
 from hdagen.arm.build_loader import PlantError
 from hdagen.mpc.configuration_schema import CONFIGURATION_KEYS, CONFIGURATION_TABLES, keys_of_table
 from hdagen.mpc.configuration_value import convert_value
+from hdagen.mpc.target_coordinates import count_positions, count_tip_coordinates, follows_pose
 from hdagen.mpc.wall import WALL_ROUNDING, Wall, find_least_distance, leave_no_room
 from hdagen.support.input_file import InputFileError, read_toml
 from hdagen.support.messages import show_path, show_value, suggest_name
@@ -180,7 +181,7 @@ def _read_walls(where: str, tables: Any, problems: list[str]) -> tuple[Wall, ...
             problems.append(f"{where}, wall {k}: stiffness and force belong together; state both or neither.")
         normal = wall.normal
         if length > 0:
-            normal = wall.normal[0] / length, wall.normal[1] / length
+            normal = tuple(entry / length for entry in wall.normal)
         walls.append(Wall(normal, wall.offset, wall.stiffness, wall.force, wall.margin))
     return tuple(walls)
 
@@ -213,7 +214,9 @@ def _find_contradictions(where: str, c: Configuration, problems: list[str]) -> N
         )
     if c["limits.linear"] + c["limits.square"] <= 0:
         problems.append(f"{where}: limits.linear and limits.square are both 0, so soft limits do not count; raise one.")
-    if leave_no_room(c.walls):
+    if len({len(wall.normal) for wall in c.walls}) > 1:
+        problems.append(f"{where}: walls have normals of two and of three numbers; give all those of the arm's tip.")
+    elif leave_no_room(c.walls):
         problems.append(f"{where}: the walls leave nothing between them; move one.")
     if c["mpc.grid"] is not None and "mpc.node" in c.values:
         problems.append(f"{where}: mpc.grid says how long each node lasts, and mpc.node too; state one of them.")
@@ -271,20 +274,24 @@ def resolve_limits(robot: Mapping[str, Any], c: Configuration) -> dict[str, list
     return out | {name: expand_values(value, len(joints)) for name, value in given.items() if value is not None}
 
 
-def list_admittance_gains(c: Configuration) -> dict[str, float]:
+def list_admittance_gains(robot: Mapping[str, Any], c: Configuration) -> dict[str, float]:
     """List the admittance by the names that a Cartesian law has for its gains.
 
     Args:
+        robot: Description of the robot, as the manifest of a build holds it.
         c: The configuration.
 
     Returns:
-        ``mass_x`` to ``stiffness_y``, SI.
+        ``mass_x`` to ``stiffness_y``, in space to ``stiffness_rz``, SI.
 
     """
-    out = dict[str, float]()
+    out, count = dict[str, float](), count_tip_coordinates(robot)
     for name in ("mass", "damping", "stiffness"):
-        values = expand_values(c[f"admittance.{name}"], 2)
-        out |= {f"{name}_{axis}": value for axis, value in zip("xy", values, strict=False)}
+        values = expand_values(c[f"admittance.{name}"], count)
+        out |= {f"{name}_{axis}": value for axis, value in zip("xyz", values, strict=False)}
+        if follows_pose(robot, "tip"):
+            turns = expand_values(c[f"admittance.rotation_{name}"], 3)
+            out |= {f"{name}_r{axis}": value for axis, value in zip("xyz", turns, strict=False)}
     return out
 
 
@@ -299,8 +306,6 @@ def find_incompatibilities(robot: Mapping[str, Any], c: Configuration) -> list[s
         One sentence for each problem.
 
     """
-    if "tip" in robot:
-        return [f"{robot['name']}: its joints stand in space, possible with this controller are arms in the plane."]
     found = list(_find_wrong_counts(robot, c))
     if found:
         return found
@@ -319,7 +324,7 @@ def find_incompatibilities(robot: Mapping[str, Any], c: Configuration) -> list[s
                 "give limits.motor_torque."
             )
     if all(joint["kind"] == "revolute" for joint in robot["joints"]):
-        reach = sum(joint["length"]["nominal"] for joint in robot["joints"])
+        reach = _find_reach(robot)
         away = find_least_distance(c.walls)
         if away is not None and away > reach + WALL_ROUNDING:
             found.append(
@@ -329,12 +334,27 @@ def find_incompatibilities(robot: Mapping[str, Any], c: Configuration) -> list[s
     return found
 
 
+def _find_reach(robot: Mapping[str, Any]) -> float:
+    """The farthest that a tip of revolute joints comes from the base, m, or more."""
+    if "tip" in robot:
+        parts = [*robot["joints"], robot["tip"]]
+        return sum(math.hypot(*part["origin"]) for part in parts)
+    return float(sum(joint["length"]["nominal"] for joint in robot["joints"]))
+
+
 def _find_wrong_counts(robot: Mapping[str, Any], c: Configuration) -> Iterator[str]:
     """Problems with the length of lists."""
-    joints = len(robot["joints"])
-    counts = {"axes": joints, "joints": joints}
-    if c["mpc.space"] == "tip":
-        counts["axes"] = 2
+    counts = {"axes": count_positions(robot, c["mpc.space"]), "joints": len(robot["joints"]), "turns": 3}
+    where, coordinates = ("in space" if "tip" in robot else "in the plane"), count_tip_coordinates(robot)
+    for k, wall in enumerate(c.walls, 1):
+        if len(wall.normal) != coordinates:
+            yield (
+                f"wall {k}: normal has {len(wall.normal)} numbers and {robot['name']} moves {where}; give "
+                f"{coordinates}."
+            )
+    for key in CONFIGURATION_KEYS:
+        if key.of_pose and key.path in c.values and not follows_pose(robot, c["mpc.space"]):
+            yield f"{key.path} is of the orientation of a tip in space, which this target has not; leave it out."
     for key in CONFIGURATION_KEYS:
         if key.kind not in counts:
             continue

@@ -12,9 +12,10 @@ INFINITY = float("inf")
 @dataclass(frozen=True)
 class ConfigurationKey:
     """A key: ``kind`` "number", "whole", "axes" (one number for all axes of the target, or one each), "joints" (the
-    same for joints), "numbers" (a list), "point" (two), or "text" with ``choices``. ``default`` None: from the robot
-    file, or none, as ``meaning`` says; ``needed``: it has no default. Numbers lie within ``low`` and ``high``, above
-    ``low`` where ``open``."""
+    same for joints), "turns" (the same for turns about x, y, z), "numbers" (a list), "point" (two, in space three), or
+    "text" with ``choices``. ``default`` None: from the robot file, or none, as ``meaning`` says; ``needed``: it has no
+    default. Numbers lie within ``low`` and ``high``, above ``low`` where ``open``; ``of_pose``: of the orientation of a
+    tip in space alone."""
 
     table: str
     name: str
@@ -26,6 +27,7 @@ class ConfigurationKey:
     meaning: str
     open: bool = False
     needed: bool = False
+    of_pose: bool = False
     choices: tuple[str, ...] = ()
 
     @property
@@ -82,6 +84,40 @@ CONFIGURATION_KEYS = (
     ConfigurationKey("admittance", "damping", "axes", 45.0, "N s/m", 0, 1e6, "wanted damping (N m s/rad)"),
     ConfigurationKey("admittance", "stiffness", "axes", 500.0, "N/m", 0, 1e6, "wanted stiffness (N m/rad)"),
     ConfigurationKey(
+        "admittance",
+        "rotation_mass",
+        "turns",
+        0.1,
+        "kg m²",
+        0,
+        1e6,
+        "wanted inertia of a tip in space about x, y, z",
+        of_pose=True,
+        open=True,
+    ),
+    ConfigurationKey(
+        "admittance",
+        "rotation_damping",
+        "turns",
+        2.0,
+        "N m s/rad",
+        0,
+        1e6,
+        "wanted damping of a tip in space about x, y, z",
+        of_pose=True,
+    ),
+    ConfigurationKey(
+        "admittance",
+        "rotation_stiffness",
+        "turns",
+        20.0,
+        "N m/rad",
+        0,
+        1e6,
+        "wanted stiffness of a tip in space about x, y, z",
+        of_pose=True,
+    ),
+    ConfigurationKey(
         "admittance", "force", "text", "sensor", "", 0, 0, "what drives it", choices=("sensor", "estimate")
     ),
     ConfigurationKey(
@@ -96,6 +132,28 @@ CONFIGURATION_KEYS = (
     ),
     ConfigurationKey("weights", "position", "number", 1e6, "1/m²", 0, 1e12, "distance from the target (1/rad²)"),
     ConfigurationKey("weights", "velocity", "number", 100.0, "s²/m²", 0, 1e12, "difference of velocity (s²/rad²)"),
+    ConfigurationKey(
+        "weights",
+        "orientation",
+        "number",
+        None,
+        "1/rad²",
+        0,
+        1e12,
+        "turn of a tip in space from the target's orientation; default: 1e5, of fewer than six joints 1",
+        of_pose=True,
+    ),
+    ConfigurationKey(
+        "weights",
+        "turning",
+        "number",
+        None,
+        "s²/rad²",
+        0,
+        1e12,
+        "difference of angular velocity; default: 10, of fewer than six joints 1e-4",
+        of_pose=True,
+    ),
     ConfigurationKey(
         "weights", "posture", "number", 0.1, "s²/rad²", 0, 1e12, "joint speeds: what the target leaves free"
     ),
@@ -228,6 +286,30 @@ CONFIGURATION_KEYS = (
     ConfigurationKey("estimator", "load", "joints", 0.0003, "N m/√Hz", 0, 1e6, "white torque at the joints", open=True),
     ConfigurationKey("estimator", "force", "number", 50.0, "N/√s", 0, 1e6, "walk of the tip force", open=True),
     ConfigurationKey("estimator", "sensor", "number", 0.2, "N", 0, 1e6, "deviation of the force sensor", open=True),
+    ConfigurationKey(
+        "estimator",
+        "moment",
+        "number",
+        5.0,
+        "N m/√s",
+        0,
+        1e6,
+        "walk of the moment on a tip in space",
+        open=True,
+        of_pose=True,
+    ),
+    ConfigurationKey(
+        "estimator",
+        "moment_sensor",
+        "number",
+        0.02,
+        "N m",
+        0,
+        1e6,
+        "deviation of the moment sensor",
+        open=True,
+        of_pose=True,
+    ),
     ConfigurationKey(
         "estimator", "observer", "number", 100.0, "rad/s", 0, 1e4, "bandwidth of the momentum observer", open=True
     ),

@@ -31,12 +31,12 @@ def convert_value(key: ConfigurationKey, value: Any) -> tuple[Any, str]:
         if _is_in_range(key, value):
             return float(value), ""
         return None, f"a number {span}"
-    if key.kind in ("axes", "joints") and not isinstance(value, list | tuple) and _is_in_range(key, value):
+    if key.kind in ("axes", "joints", "turns") and not isinstance(value, list | tuple) and _is_in_range(key, value):
         return float(value), ""
     listed = isinstance(value, list | tuple) and len(value) > 0 and all(_is_in_range(key, v) for v in value)
-    if listed and (key.kind != "point" or len(value) == 2):
+    if listed and (key.kind != "point" or len(value) in (2, 3)):
         return tuple(float(v) for v in value), ""
-    nouns = {"numbers": "a list of numbers", "point": "two numbers in brackets"}
+    nouns = {"numbers": "a list of numbers", "point": "two numbers in brackets, in space three,"}
     return None, f"{nouns.get(key.kind, 'a number, or a list of them,')} {span}"
 
 

@@ -67,7 +67,17 @@ def format_record_verdict(record: Mapping[str, Array]) -> str:
 
 
 def _prediction_error(record: Mapping[str, Array]) -> Array:
-    return np.hypot(record["tip_x"] - record["predicted_x"], record["tip_y"] - record["predicted_y"])
+    return _find_distance(record, "predicted")
+
+
+def _list_axes(record: Mapping[str, Array]) -> str:
+    return "xyz" if "tip_z" in record else "xy"
+
+
+def _find_distance(record: Mapping[str, Array], other: str) -> Array:
+    """Distance of the tip from another way, m."""
+    apart = [record[f"tip_{axis}"] - record[f"{other}_{axis}"] for axis in _list_axes(record)]
+    return np.asarray(np.linalg.norm(apart, axis=0))
 
 
 def _thin_rows(record: Mapping[str, Array]) -> tuple[Array, slice]:
@@ -78,34 +88,44 @@ def _thin_rows(record: Mapping[str, Array]) -> tuple[Array, slice]:
 def _build_motion_section(record: Mapping[str, Array]) -> page.Section:
     time, rows = _thin_rows(record)
     shown = (("target", "vermilion", "dashed", 1.4), ("path", "ink", "dotted", 1.4), ("tip", "blue", "solid", 2.0))
-    plane = figure.draw_plane(
-        "The tip in the plane",
-        [
-            figure.Curve(name, record[f"{name}_x"][rows], record[f"{name}_y"][rows], time, color, dash, width=width)
-            for name, color, dash, width in shown
-        ],
-        x_label="x (m)",
-        y_label="y (m)",
-        caption="The target is the path and, on it, what the force moves mass, damper and spring by; where the tip "
-        "leaves it, a limit holds.",
-        link=TICKS_LINK,
-    )
+    axes = _list_axes(record)
+    titles = {"y": "The tip in the plane" if axes == "xy" else "The tip from above", "z": "The tip from the side"}
+    planes = [
+        figure.draw_plane(
+            titles[up],
+            [
+                figure.Curve(
+                    name, record[f"{name}_x"][rows], record[f"{name}_{up}"][rows], time, color, dash, width=width
+                )
+                for name, color, dash, width in shown
+            ],
+            x_label="x (m)",
+            y_label=f"{up} (m)",
+            caption="The target is the path and, on it, what the force moves mass, damper and spring by; where the tip "
+            "leaves it, a limit holds.",
+            link=TICKS_LINK,
+        )
+        for up in axes[1:]
+    ]
     panels = []
-    for axis in "xy":
+    for axis in axes:
         series = [
             figure.Series(name, record[f"{name}_{axis}"][rows], color, dash, width=width)
             for name, color, dash, width in (*shown, ("predicted", "green", "solid", 1.0))
         ]
         panels.append(figure.Panel(f"{axis} (m)", series))
-    off = np.hypot(record["tip_x"] - record["target_x"], record["tip_y"] - record["target_y"])
+    off = _find_distance(record, "target")
     apart = [
         figure.Series("prediction missed", _prediction_error(record)[rows], "green", "solid", width=1.2),
         figure.Series("off the target", off[rows], "vermilion", "dashed", width=1.4),
     ]
     panels.append(figure.Panel("distance (m)", apart, height=0.7))
+    if "turn_off" in record:
+        turned = figure.Series("off the target", record["turn_off"][rows], "vermilion", "dashed", width=1.4)
+        panels.append(figure.Panel("turn (rad)", [turned], height=0.7))
     force = [
         figure.Series(axis, record[f"tip_force_{axis}"][rows], color)
-        for axis, color in zip("xy", ("orange", "purple"), strict=True)
+        for axis, color in zip(axes, ("orange", "purple", "green"), strict=False)
     ]
     panels.append(figure.Panel("force (N)", force, height=0.7))
     drawn = figure.draw_panels("Predicted and real motion", time, panels, link=TICKS_LINK)
@@ -114,7 +134,7 @@ def _build_motion_section(record: Mapping[str, Array]) -> page.Section:
         f"misses where "
         "a force came or went meanwhile, which no plan can know, and else by what the model does not know."
     )
-    return page.Section("Motion", text, [plane, drawn])
+    return page.Section("Motion", text, [*planes, drawn])
 
 
 def _draw_active_limits(record: Mapping[str, Array]) -> str:

@@ -18,9 +18,17 @@ from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guard_limits import Guard, Safe, pack_limits
 from hdagen.control.guarded_controller import Controller
+from hdagen.control.pose_kinematics import add_turns
 from hdagen.control.reference_motion import Reference
-from hdagen.mpc.compiled_settings import LIMIT_FAMILIES, find_torque_limits, list_report_parts, pack_settings
+from hdagen.mpc.compiled_settings import (
+    LIMIT_FAMILIES,
+    find_inertias,
+    find_torque_limits,
+    list_report_parts,
+    pack_settings,
+)
 from hdagen.mpc.configuration import Configuration, expand_values, list_admittance_gains
+from hdagen.mpc.target_coordinates import follows_pose
 from hdagen.mpc.wall import Wall
 
 RUNGS = ("on the plan", "on the last plan, shifted", "held by an impedance", "on the ramp to the safe torque")
@@ -74,7 +82,8 @@ class MPC(Controller):
     """The predictive controller of an arm that was built with its structure, `load(robot, mpc=configuration)`.
 
     ``path`` (nodes + 1, 2 axes): commanded positions and velocities at the tick and at the end of every node; it may
-    be filled in place. Raises PlantError where the configuration is refused.
+    be filled in place. Of a tip in space they are x, y, z and the rotation vector of the orientation, then the
+    velocity and the angular velocity. Raises PlantError where the configuration is refused.
     """
 
     law = "mpc"
@@ -94,9 +103,9 @@ class MPC(Controller):
             )
         self.arm, self.configuration, self.described = arm, c, {"reference": (), "gains": ()}
         module, n, self.nodes = arm.module, arm.n, described["nodes"]
-        self.axes, self.gains, self.reference_names = n, dict[str, float](), ("joint_path",)
+        self.axes, self.gains, self.reference_names = described["axes"], dict[str, float](), ("joint_path",)
         if described["space"] == "tip":
-            self.axes, self.gains, self.reference_names = 2, list_admittance_gains(c), ("tip_path",)
+            self.gains, self.reference_names = list_admittance_gains(arm.robot, c), ("tip_path",)
         self._allocate_buffers(n, module)
         self.path = self._reference.reshape(self.nodes + 1, 2 * self.axes)
         self.reference = self._reference
@@ -130,8 +139,8 @@ class MPC(Controller):
         """The guard that was given, or one made of the robot file, with the configuration's period and limits."""
         guard = self._given
         if guard is None:
-            inertia = [joint["drive"]["motor_inertia"]["nominal"] for joint in self.arm.robot["joints"]]
-            damping = tuple(20 * J or 1e-6 for J in inertia)  # motors stop in 1/20 s
+            _, inertia = find_inertias(self.arm)
+            damping = tuple((20 * inertia).tolist())  # motors stop in 1/20 s
             guard = Guard(Safe[str(c["fallback.safe"]).upper()], safe_damping=damping)
             if guard.safe is Safe.HOLD:
                 guard = replace(guard, safe_stiffness=tuple(10 * d for d in damping))
@@ -232,11 +241,12 @@ class MPC(Controller):
         last = (count - 1) * reference.period
         below = np.minimum((at / reference.period + 1e-9).astype(int), count - 1)
         rest = (at - below * reference.period)[..., None]
-        position = (
-            reference.position[below]
-            + rest * reference.velocity[below]
-            + np.where(at[..., None] <= last, rest**2 / 2 * reference.acceleration[below], 0.0)
+        moved = rest * reference.velocity[below] + np.where(
+            at[..., None] <= last, rest**2 / 2 * reference.acceleration[below], 0.0
         )
+        position = reference.position[below] + moved
+        if follows_pose(self.arm.robot, reference.space):
+            position[..., 3:] = add_turns(moved[..., 3:], reference.position[below][..., 3:])
         velocity = reference.velocity[below] + np.where(
             at[..., None] <= last, rest * reference.acceleration[below], 0.0
         )
@@ -310,9 +320,10 @@ class MPC(Controller):
         m, n, nodes = self.arm.manifest["mpc"], self.arm.n, self.nodes
         nx, ny, rows, shared = len(m["state"]), m["outputs"], len(m["rows"]), m["shared"]
         sizes = {
-            "x": nx, "T": nodes * n, "before": n, "hold": n, "shared": shared, "force": 2, "goal": nodes * ny,
+            "x": nx, "T": nodes * n, "before": n, "hold": n, "shared": shared, "force": self.arm.nu - n,
+            "goal": nodes * ny,
             "weights": 2 * ny, "torque_weight": n, "rate_weight": n, "limits": 2 * rows, "linear": rows,
-            "square": rows, "fading": nodes,
+            "square": rows, "fading": nodes, "seen": nodes * (ny + m["orientation"]),
         }  # fmt: skip
         found = np.zeros(self.arm.module.length("mpc_whole", "whole"))
         self.arm.module.bind("mpc_whole", self._context, found).run()
@@ -321,6 +332,8 @@ class MPC(Controller):
         limits = np.array(data.pop("limits")).reshape(rows, 2)
         data |= {"low": limits[:, 0].tolist(), "high": limits[:, 1].tolist()}
         data["goal"] = np.array(data["goal"]).reshape(nodes, ny).tolist()
+        seen = np.array(data.pop("seen")).reshape(nodes, -1)
+        data["orientation"] = seen[:, ny:].tolist()
         data["weights"] = np.array(data["weights"]).reshape(2, ny).tolist()
         data |= {
             "grid": list(self.configuration.grid),

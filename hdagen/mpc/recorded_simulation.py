@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.reference_motion import Reference
 from hdagen.log import data_table
@@ -16,11 +17,18 @@ from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.predictive_controller import MPC
 from hdagen.mpc.tick_record import build_record, find_record_path
 from hdagen.simulation.simulated_sensors import Sensors
-from hdagen.simulation.simulator import Push
+from hdagen.simulation.simulator import Push, SpacePush
 
 
 def simulate_with_record(
-    arm: Arm, c: Configuration, path: Reference, pushes: Sequence[Push], sensors: Sensors, seed: int, out: Path
+    arm: Arm,
+    c: Configuration,
+    path: Reference,
+    pushes: Sequence[Push | SpacePush],
+    sensors: Sensors,
+    seed: int,
+    out: Path,
+    start: Array | None = None,
 ) -> tuple[Trial, TrialOutcome | None]:
     """Simulate a closed loop, and write its log and the controller's record beside it.
 
@@ -32,6 +40,7 @@ def simulate_with_record(
         sensors: The sensors.
         seed: Seed of the sensors' noise.
         out: Where the log goes.
+        start: Positions of the joints next to the start, (n); None: those of the simulator.
 
     Returns:
         The run, and its numbers; None in their place where the controller follows joints.
@@ -42,7 +51,7 @@ def simulate_with_record(
 
     """
     controller = MPC(arm, c)
-    found = run_trial(arm, controller, path, pushes, sensors, c.walls, seed)
+    found = run_trial(arm, controller, path, pushes, sensors, c.walls, seed, start)
     write(found.simulation.log, out)
     data_table.write_table(build_record(arm, found, path, c.grid), find_record_path(out))
     if c["mpc.space"] != "tip":

@@ -9,12 +9,14 @@ import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
+from hdagen.control.pose_kinematics import add_turns, find_rotation_gap
 from hdagen.control.reference_motion import Reference
 from hdagen.log import data_table
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import MOST_LOG_BYTES
 from hdagen.mpc.closed_loop_trial import Trial
 from hdagen.mpc.compiled_settings import LIMIT_FAMILIES
+from hdagen.simulation.simulator import Simulation
 from hdagen.support.input_file import InputFileError, check_file
 
 RECORD_COLUMNS = (
@@ -41,6 +43,9 @@ RECORD_COLUMNS = (
 )
 
 
+SPACE_COLUMNS = ("tip_z", "path_z", "target_z", "predicted_z", "tip_force_z", "turn_off")
+
+
 def find_record_path(log: Path) -> Path:
     """Name the record of a log.
 
@@ -65,7 +70,8 @@ def build_record(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...
 
     Returns:
         Columns by name, SI. ``target`` is the place of the tip that the admittance asks for; ``predicted`` is its place
-        now by the plan that was made ``ahead`` seconds before.
+        now by the plan that was made ``ahead`` seconds before; ``turn_off``, in space: the angle between the tip's
+        orientation and the target's, 0 where joints are followed.
 
     """
     from hdagen.mpc.predictive_controller import RUNGS
@@ -77,27 +83,43 @@ def build_record(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...
     q = np.array([r.predicted_states[node] for r in reports])[
         :, [names.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
     ]
-    seen = arm.evaluate("points", q=q)["points"][:, -2:]
+    axes = "xyz"[: s.tip.shape[1]]
+    seen = _find_tips(arm, q)
     late = round(ahead / path.period)
     predicted = np.full_like(seen, np.nan)
     predicted[late:] = seen[: len(seen) - late]
-    out: dict[str, Array] = {"time": path.time, "tip_x": s.tip[:, 0], "tip_y": s.tip[:, 1]}
-    wanted = path.position + np.array([r.target_displacement for r in reports])[:, : path.position.shape[1]]
-    ways = {"path": path.position, "target": wanted}
+    out: dict[str, Array] = {"time": path.time}
+    moved = np.array([r.target_displacement for r in reports])[:, : path.position.shape[1]]
+    ways = {"path": path.position, "target": path.position + moved}
     if path.space == "joint":
-        ways = {name: arm.evaluate("points", q=way)["points"][:, -2:] for name, way in ways.items()}
-    for name, way in {**ways, "predicted": predicted}.items():
-        out |= {f"{name}_x": way[:, 0], f"{name}_y": way[:, 1]}
+        ways = {name: _find_tips(arm, way) for name, way in ways.items()}
+    for name, way in {"tip": s.tip, **ways, "predicted": predicted, "tip_force": s.push}.items():
+        out |= {f"{name}_{axis}": way[:, k] for k, axis in enumerate(axes)}
+    if arm.moves_in_space:
+        out["turn_off"] = _find_turn_off(arm, s, path, moved)
     out |= {"ahead": np.full(len(seen), ahead), "status": s.status.astype(float)}
     out |= {"rung": np.array([float(RUNGS.index(r.rung)) for r in reports])}
     for name in ("interior", "factored", "collision", "innovation"):
         out[name] = np.array([float(getattr(r, name)) for r in reports])
     out |= {"prepare_time": found.times[:, 0], "tick_time": found.times[:, 1]}
-    out |= {"tip_force_x": s.push[:, 0], "tip_force_y": s.push[:, 1]}
     for family in LIMIT_FAMILIES:
         out[f"active_{family}"] = np.array([float(r.active[family]) for r in reports])
         out[f"violated_{family}"] = np.array([max(0.0, r.violated[family]) for r in reports])
     return {name: np.ascontiguousarray(values, float) for name, values in out.items()}
+
+
+def _find_tips(arm: Arm, q: Array) -> Array:
+    """Places of the tip, (T, 2), in space (T, 3)."""
+    points = arm.evaluate("points", q=q)["points"]
+    return points[:, -(points.shape[1] // (arm.n + 1)) :]
+
+
+def _find_turn_off(arm: Arm, s: Simulation, path: Reference, moved: Array) -> Array:
+    if path.space == "joint":
+        return np.zeros(len(s.tip))
+    q = s.state[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]]
+    wanted = add_turns(moved[:, 3:], path.position[:, 3:])
+    return np.asarray(np.linalg.norm(find_rotation_gap(wanted, arm.evaluate("tip_pose", q=q)["rotation"]), axis=1))
 
 
 def read_record(path: Path) -> dict[str, Array]:
@@ -125,7 +147,9 @@ def read_record(path: Path) -> dict[str, Array]:
     except InputFileError as error:
         raise LogError([str(error)]) from None
     expected = [*RECORD_COLUMNS, *(f"{what}_{family}" for what in ("active", "violated") for family in LIMIT_FAMILIES)]
-    content = data_table.read_parquet(place, lambda name: name in expected).columns
+    content = data_table.read_parquet(place, lambda name: name in expected or name in SPACE_COLUMNS).columns
+    if any(name in content for name in SPACE_COLUMNS):
+        expected += SPACE_COLUMNS
     missing = [name for name in expected if name not in content]
     if missing:
         raise LogError(

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 WALL_ROUNDING = 1e-9  # m
 LEAST_WALL_GAP = 1e-8  # m: walls with less room than this between them leave none
+LEAST_CROSSING = 1e-6  # sine of the angle at which walls cross
 
 
 @dataclass(frozen=True)
 class Wall:
-    """A half-plane that the tip keeps: normal · tip ≤ offset (m). With ``stiffness`` (N/m) it is a surface that the tip
-    may press with ``force`` (N); without, a fixture that is only in the controller. ``margin``, m."""
+    """A half-plane, in space a half-space, that the tip keeps: normal · tip ≤ offset (m). With ``stiffness`` (N/m)
+    it is a surface that the tip may press with ``force`` (N); without, a fixture that is only in the controller.
+    ``margin``, m."""
 
-    normal: tuple[float, float]
+    normal: tuple[float, ...]
     offset: float
     stiffness: float | None = None
     force: float | None = None
@@ -43,7 +46,8 @@ def leave_no_room(walls: tuple[Wall, ...]) -> bool:
 def find_least_distance(walls: Sequence[Wall]) -> float | None:
     """Find how near to the base the walls let the tip come.
 
-    The nearest point is the base itself, its foot on a wall, or a crossing of two walls.
+    The nearest point is the base itself, its foot on a wall, or its foot on where as many walls cross as there are
+    coordinates, or fewer.
 
     Args:
         walls: The walls.
@@ -52,14 +56,17 @@ def find_least_distance(walls: Sequence[Wall]) -> float | None:
         The distance, m; None where no point lies behind all walls.
 
     """
-    lines = [(*wall.normal, wall.offset) for wall in walls]
-    points = [(0.0, 0.0)] + [(x * offset, y * offset) for x, y, offset in lines]
-    for (a, b, one), (p, q, other) in itertools.combinations(lines, 2):
-        across = a * q - b * p
-        if abs(across) > 1e-12:
-            points.append(((one * q - other * b) / across, (other * a - one * p) / across))
+    if not walls:
+        return 0.0
+    normals, offsets = np.array([wall.normal for wall in walls]), np.array([wall.offset for wall in walls])
+    coordinates = normals.shape[1]
     distances = []
-    for x, y in points:
-        if all(a * x + b * y <= offset + WALL_ROUNDING for a, b, offset in lines):
-            distances.append(math.hypot(x, y))
+    for count in range(coordinates + 1):
+        for chosen in map(list, itertools.combinations(range(len(walls)), count)):
+            N = normals[chosen]
+            if np.linalg.matrix_rank(N, LEAST_CROSSING) < count:
+                continue
+            point = N.T @ np.linalg.solve(N @ N.T, offsets[chosen])
+            if (normals @ point <= offsets + WALL_ROUNDING).all():
+                distances.append(float(np.linalg.norm(point)))
     return min(distances, default=None)

@@ -36,7 +36,7 @@ __all__ = [
     "sum_push_forces",
 ]
 
-EnvironmentForce = Callable[[Array, Array], Array]  # tip position and velocity (2 each) -> force on the tip (2), N
+EnvironmentForce = Callable[[Array, Array], Array]  # tip position and velocity -> force on the tip, N
 
 
 @dataclass(frozen=True)
@@ -296,8 +296,8 @@ def _simulate_ticks(
         state[k], shown[k] = x, stage.end
         if world is not None:
             touch = world(tip, velocity)
-            push[k] += touch
-            felt[k] += touch
+            push[k, : len(touch)] += touch
+            felt[k, : len(touch)] += touch
         late = max(0, k - delay)
         now, before = seen[late], seen[max(0, late - 1)]
         controller.motor_position[:], controller.joint_position[:] = now[:n], now[n:]

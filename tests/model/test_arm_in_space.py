@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -181,17 +180,6 @@ def test_a_log_in_space_is_checked_and_replayed(built: Compiled, tmp_path: Path)
     assert hdagen.replay(arm, blind).gap > 5.0  # the wrench on the tip is a part of the motion
     named = {k.replace("_2", "_axis_2") if k.startswith("joint_pos") else k: v for k, v in blind.items()}
     assert "joint_position_axis_2" in named and hdagen.replay(arm, named).gap == hdagen.replay(arm, blind).gap
-
-
-def test_the_predictive_controller_refuses_the_arm(tmp_path: Path) -> None:
-    from gen.builder.build import BuildError, build_robot
-    from gen.mpc.problem_structure import parse_structure
-
-    robot = tmp_path / "robot.toml"
-    robot.write_text(TEXT)
-    with pytest.raises(BuildError, match="its joints stand in space, possible with --mpc are arms in the plane"):
-        build_robot(str(robot), "portable", tmp_path / "build", (), parse_structure("nodes=20,walls=2,space=tip"))
-    assert not (tmp_path / "build").exists() and tomllib.loads(TEXT)["tip"]
 
 
 def test_the_simulators_that_are_raced_have_the_same_arm(arm: Arm) -> None:

@@ -194,8 +194,9 @@ def test_every_key_refuses_what_it_cannot_be(key: ConfigurationKey) -> None:
         "number": [*number, [1.0]],
         "axes": [*number, [], ["x"], [float("nan")]],
         "joints": [*number, [], ["x"], [10**400]],
+        "turns": [*number, [], ["x"], [10**400]],
         "numbers": [*number, 1.0, [], [-1.0], [10**400]],
-        "point": [*number, 1.0, [1.0], [1.0, 0.0, 0.0], [10**400, 0.0]],
+        "point": [*number, 1.0, [1.0], [1.0, 0.0, 0.0, 0.0], [10**400, 0.0]],
     }[key.kind]
     for value in bad:
         wall = {"normal": [1.0, 0.0], "offset": 0.1, "stiffness": 1e4, "force": 9.0, key.name: value}

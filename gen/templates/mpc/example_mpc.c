@@ -30,7 +30,7 @@ int main(void) {
     hda_measurement m = {0};
     double c[HDA_NC], x[HDA_NX] = {0}, next[HDA_NX], u[HDA_NU] = {0}, torque[HDA_N], still[HDA_N] = {0},
                       path[HDA_MPC_PATH] = {0};
-    double points[2 * (HDA_N + 1)];
+    double points[HDA_TIP * (HDA_N + 1)];
     const hda_guard_config config = guard();
     const double h = HDA_STEP;
     memcpy(&settings, mpc_settings, sizeof settings);
@@ -40,7 +40,8 @@ int main(void) {
     for (int j = 0; j < HDA_N && HDA_MPC_FLEXIBLE == HDA_N; j++) motors[j] = 0.5 * mpc_ratio[j];
     hda_points(still, c, points);
     for (int e = 0; e < HDA_MPC_PATH; e += 2 * HDA_MPC_AXES)
-        for (int a = 0; a < HDA_MPC_AXES; a++) path[e + a] = HDA_MPC_JOINT_SPACE ? still[a] : points[2 * HDA_N + a];
+        for (int a = 0; a < HDA_MPC_POSITIONS; a++) /* a tip in space turns to the base frame's orientation */
+            path[e + a] = HDA_MPC_JOINT_SPACE ? still[a] : points[HDA_TIP * HDA_N + a];
     int status = hda_mpc_configure(&controller, p, &settings, &config);
     for (int k = 0; k < 300 && status >= 0; k++) {
         m.stamp = k * config.period;

@@ -7,7 +7,7 @@
 
 #include "hda_guard_held.h"
 
-enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, AXES = HDA_MPC_AXES };
+enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N };
 
 static const int state_index[] = HDA_MPC_INDEX, memory_index[] = HDA_MPC_MEMORY, places[] = HDA_MPC_PLACES,
                  speeds[] = HDA_MPC_SPEEDS, links[] = HDA_MPC_LINKS;
@@ -34,12 +34,14 @@ static void hold_plan(hda_mpc *k) {
 
 /* The torque that holds the arm against gravity, tip force and disturbance. */
 static void set_holding_torque(hda_mpc *k) {
-    double q[NU], g[NU], J[2 * NU], velocity[2], turn[2], still[NU] = {0};
+    double q[NU], g[NU], J[HDA_WRENCH * NU], velocity[HDA_WRENCH], turn[HDA_WRENCH], still[NU] = {0};
     for (int j = 0; j < NU; j++) q[j] = k->report.x[links[j]];
     hda_gravity_torque(q, k->c, g);
     hda_tip_jacobian(q, still, k->c, J, velocity, turn);
     for (int j = 0; j < NU; j++) {
-        const double outside = J[2 * j] * k->report.tip_force[0] + J[2 * j + 1] * k->report.tip_force[1];
+        const double *column = J + HDA_WRENCH * j, *force = k->report.tip_force;
+        double outside = column[0] * force[0] + column[1] * force[1];
+        for (int i = 2; i < HDA_WRENCH; i++) outside += column[i] * force[i];
         const double held = (g[j] - outside) / k->estimator.ratio[j] - k->estimator.s[HDA_NX + j];
         const double most = k->guard.config.torque_limit[j];
         k->hold[j] = held > most ? most : held < -most ? -most : held;
@@ -47,15 +49,10 @@ static void set_holding_torque(hda_mpc *k) {
 }
 
 static void start_control(hda_mpc *k, const hda_measurement *m, const double *path) {
-    double points[2 * (NU + 1)];
     hda_mpc_start_estimate(&k->estimator, m, k->c, &k->settings.noise);
     memcpy(k->report.x, k->estimator.s, sizeof k->report.x);
     memcpy(k->report.tip_force, m->tip_force, sizeof k->report.tip_force);
-    hda_points(m->joint_position, k->c, points);
-    for (int a = 0; a < AXES; a++) { /* as far as the arm is from its path, so that starting asks for no jump */
-        k->yielded[a] = (HDA_MPC_JOINT_SPACE ? m->joint_position[a] : points[2 * NU + a]) - path[a];
-        k->yielded[AXES + a] = -path[AXES + a];
-    }
+    hda_mpc_begin_admittance(k, m->joint_position, path);
     for (int j = 0; j < NU; j++) k->anchor[j] = k->estimator.s[places[j]];
     for (int d = 0; d < 2 * HDA_MPC_LATEST; d++) memcpy(k->sent[d], k->guard.sent, sizeof k->sent[d]);
     k->seen = m->stamp;
@@ -217,7 +214,7 @@ static int follow_path(hda_mpc *k, double now, const hda_measurement *m, const d
 }
 
 HDA_APART static int run_tick(hda_mpc *k, double now, const hda_measurement *m, const double *path, double *torque) {
-    double raw[NU] = {0}, map[2 * NU] = {0};
+    double raw[NU] = {0}, map[HDA_TIP * NU] = {0};
     int followed = 0;
     if (!k || !k->configured) return hda_guard_end_held(k ? &k->guard : NULL, raw, map, torque);
     const int opened = hda_guard_begin_held(&k->guard, now, m, path, HDA_MPC_PATH);

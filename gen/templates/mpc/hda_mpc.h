@@ -7,7 +7,8 @@
  *                   send the torque, then hda_mpc_prepare(&k);   // what can be done before the next measurement
  *
  * path: the commanded motion at the tick and at the end of every node, HDA_MPC_AXES positions then as many velocities
- * each (tip: x, y; else joint by joint). SI units throughout. Static memory, bounded loops, no libm but what the model
+ * each (tip: x, y, in space x, y, z, the rotation vector of its orientation, and with the velocities the angular one; else
+ * joint by joint). SI units throughout. Static memory, bounded loops, no libm but what the model
  * needs. Not a safety-rated function: use it behind a certified stop. */
 #ifndef HDA_MPC_H
 #define HDA_MPC_H
@@ -16,7 +17,9 @@
 #include "hda_mpc_solver.h"
 
 enum {
-    HDA_MPC_AXES = HDA_MPC_JOINT_SPACE ? HDA_N : 2,
+    HDA_MPC_AXES = HDA_MPC_AXES_COUNT,
+    HDA_MPC_WALL_NUMBERS = HDA_TIP + 1,            /* numbers of a wall */
+    HDA_MPC_SHOWN = HDA_MPC_NY + HDA_MPC_ORIENTATION, /* what a node tells: outputs, orientation */
     HDA_MPC_PATH = 2 * HDA_MPC_AXES * (HDA_MPC_N + 1),
     HDA_MPC_FAMILIES = 7, /* motor torque, torque rate, joint position, motor speed, joint torque, tip speed, walls */
     HDA_MPC_SHIFTS = 2,   /* ticks on the last plan */
@@ -71,6 +74,7 @@ typedef struct hda_mpc_settings {
     double terminal;              /* factor of the tracking weights at the last node */
     /* 1/m^2 (1/rad^2), s^2/m^2, s^2/rad^2; torques as shares of the largest */
     double weight_position, weight_velocity, weight_posture, weight_torque, weight_rate;
+    double weight_orientation, weight_turning; /* 1/rad^2, s^2/rad^2: turns of a tip in space */
     double penalty_linear, penalty_square; /* of a soft limit, per share of the limit */
     double tip_speed;                      /* m/s */
     double margin;                         /* share of soft limits that is kept free */
@@ -80,7 +84,8 @@ typedef struct hda_mpc_settings {
     double smoothing[HDA_N]; /* rad/s at the motor: width of friction's smooth sign in the prediction */
     /* N m/rad, N m s/rad at the motor, of the impedance on the ladder */
     double hold_stiffness[HDA_N], hold_damping[HDA_N];
-    double walls[3 * (HDA_MPC_WALLS ? HDA_MPC_WALLS : 1)]; /* n_x, n_y, offset: kept is n . tip <= offset + give */
+    /* normal, offset: kept is n . tip <= offset + give */
+    double walls[HDA_MPC_WALL_NUMBERS * (HDA_MPC_WALLS ? HDA_MPC_WALLS : 1)];
     double give[HDA_MPC_WALLS ? HDA_MPC_WALLS : 1];        /* m: contact force allowed over the wall's stiffness */
     hda_mpc_noise noise;
 } hda_mpc_settings;
@@ -92,8 +97,8 @@ typedef struct hda_mpc_report {
     double active_of[HDA_MPC_FAMILIES];   /* rows of the plan at or beyond their bound */
     double violated_by[HDA_MPC_FAMILIES]; /* the present state's largest violation, SI */
     double foreseen_by[HDA_MPC_FAMILIES]; /* the plan's, SI, to first order */
-    double tip_force[2];                  /* that the target is driven by, N */
-    double observed_force[2];             /* by the momentum observer, N */
+    double tip_force[HDA_WRENCH];         /* that the target is driven by, N, in space and N m */
+    double observed_force[HDA_TIP];       /* by the momentum observer, N */
     double disturbance[HDA_N];            /* N m at the motors */
     /* squared, normalised; its mean is the number of encoders where the estimator is consistent */
     double innovation;
@@ -116,7 +121,7 @@ typedef struct hda_mpc {
     /* trajectory that the problem is linearised about */
     double x[(HDA_MPC_N + 1) * HDA_MPC_NX], T[HDA_MPC_N * HDA_N];
     /* outputs of nodes 1 on, and their Jacobians */
-    double y[HDA_MPC_N * HDA_MPC_NY], Y[HDA_MPC_N * HDA_MPC_NY * HDA_MPC_NX];
+    double y[HDA_MPC_N * HDA_MPC_SHOWN], Y[HDA_MPC_N * HDA_MPC_NY * HDA_MPC_NX];
     double g[HDA_MPC_N * HDA_MPC_NG], G[HDA_MPC_N * HDA_MPC_NG * HDA_MPC_NX]; /* general rows, and their Jacobians */
     double goal[HDA_MPC_N * HDA_MPC_NY];
     double fading[HDA_MPC_N];            /* share of the present force that is left at each node */
@@ -134,7 +139,7 @@ typedef struct hda_mpc {
     double yielded[2 * HDA_MPC_AXES];
     double anchor[HDA_N];    /* motor positions that the impedance holds */
     double hold[HDA_N];      /* torque that holds the arm, N m at the motor */
-    double expected[2];      /* the observed force, as it has been of late */
+    double expected[HDA_TIP]; /* the observed force, as it has been of late */
     double wound[HDA_N];     /* torsion at the limit of each torque row, negative where the ratio is */
     int32_t flexible[HDA_N]; /* joint, from 0, of each torque row */
     int32_t configured, started, prepared, failures, rung;
@@ -178,11 +183,13 @@ void hda_mpc_linearise(hda_mpc *k);          /* trajectory -> dynamics, outputs,
 void hda_mpc_set_torsion_limits(hda_mpc *k); /* torsions at the limits of the joint torques */
 void hda_mpc_set_bounds(hda_mpc *k);         /* trajectory and limits -> bounds of the rows */
 void hda_mpc_set_targets(hda_mpc *k, const double *path, const double *force); /* target -> slope of the cost */
-void hda_mpc_step_admittance(hda_mpc *k, const double *force);                 /* one period of the admittance */
+void hda_mpc_begin_admittance(hda_mpc *k, const double *q, const double *path); /* displaced as far as the arm is */
+void hda_mpc_step_admittance(hda_mpc *k, const double *force);                  /* one period of the admittance */
 void hda_mpc_shift_plan(hda_mpc *k);                            /* trajectory and active set, one period on */
 int hda_mpc_check_limits(const hda_mpc *k, const double *path); /* HDA_MPC_OUTSIDE, HDA_MPC_UNREACHED or 0 */
 /* outputs and rows at one state */
 void hda_mpc_compute_outputs(const hda_mpc *k, const double *x, double *y, double *Y, double *g, double *G);
 void hda_mpc_detect_contact(hda_mpc *k); /* momentum observer -> observed force and collision */
+double hda_mpc_length(const double *a);  /* of HDA_TIP numbers */
 
 #endif

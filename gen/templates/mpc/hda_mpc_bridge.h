@@ -5,8 +5,9 @@ enum {
     HDA_MPC_SETTINGS_REAL = sizeof(hda_mpc_settings) / sizeof(double),
     HDA_MPC_REPORT_REAL = sizeof(hda_mpc_report) / sizeof(double),
     HDA_MPC_QP_REAL = sizeof(hda_mpc_qp) / sizeof(double),
-    HDA_MPC_WHOLE_REAL = HDA_MPC_NX + HDA_MPC_N * HDA_N + 4 * HDA_N + HDA_MPC_SHARED + 2 +
-        (HDA_MPC_N + 2) * HDA_MPC_NY + 4 * HDA_MPC_ROWS + HDA_MPC_N,
+    HDA_MPC_WHOLE_REAL = HDA_MPC_NX + HDA_MPC_N * HDA_N + 4 * HDA_N + HDA_MPC_SHARED + HDA_WRENCH +
+        (HDA_MPC_N + 2) * HDA_MPC_NY + 4 * HDA_MPC_ROWS + HDA_MPC_N +
+        HDA_MPC_N * HDA_MPC_SHOWN,
     HDA_MPC_SOLUTION_REAL = sizeof(hda_mpc_solution) / sizeof(double)
 };
 
@@ -63,7 +64,7 @@ static void bridge_mpc_whole(void *const *a) {
                  {k->sent[1], HDA_N},
                  {k->hold, HDA_N},
                  {k->shared, HDA_MPC_SHARED},
-                 {k->report.tip_force, 2},
+                 {k->report.tip_force, HDA_WRENCH},
                  {k->goal, HDA_MPC_N * HDA_MPC_NY},
                  {k->output_weight[0], HDA_MPC_NY},
                  {k->output_weight[1], HDA_MPC_NY},
@@ -72,7 +73,8 @@ static void bridge_mpc_whole(void *const *a) {
                  {k->limits[0], 2 * HDA_MPC_ROWS},
                  {k->qp.linear, HDA_MPC_ROWS},
                  {k->qp.square, HDA_MPC_ROWS},
-                 {k->fading, HDA_MPC_N}};
+                 {k->fading, HDA_MPC_N},
+                 {k->y, HDA_MPC_N * HDA_MPC_SHOWN}};
     for (unsigned part = 0; part < sizeof parts / sizeof *parts; part++) {
         memcpy(to, parts[part].from, (size_t)parts[part].count * sizeof *to);
         for (int j = 0; j < HDA_N && (part == 2 || part == 3); j++) to[j] /= full[j];

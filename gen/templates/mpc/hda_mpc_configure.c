@@ -29,7 +29,7 @@ static int check_soft_limits(const hda_mpc_settings *s) {
         !(s->margin >= 0.0 && s->margin < 0.5))
         return HDA_MPC_LIMIT;
     for (int w = 0; w < HDA_MPC_WALLS; w++) {
-        const double length = hda_length(s->walls[3 * w], s->walls[3 * w + 1]);
+        const double length = hda_mpc_length(s->walls + HDA_MPC_WALL_NUMBERS * w);
         if (!(length > 1.0 - 1e-9 && length < 1.0 + 1e-9)) return HDA_MPC_WALL;
         if (!(s->give[w] >= 0.0)) return HDA_MPC_LIMIT;
     }
@@ -38,7 +38,8 @@ static int check_soft_limits(const hda_mpc_settings *s) {
 
 static int find_wrong_setting(const hda_mpc_settings *s, double period) {
     const double weights[] = {s->weight_position, s->weight_velocity, s->weight_posture, s->weight_torque,
-                              s->weight_rate,     s->penalty_linear,  s->penalty_square, s->decay};
+                              s->weight_rate,     s->weight_orientation, s->weight_turning, s->penalty_linear,
+                              s->penalty_square,  s->decay};
     if (hda_not_finite((const double *)s, REALS)) return HDA_MPC_NUMBER;
     for (int node = 0; node < N; node++)
         if (!(s->grid[node] >= period * (1.0 - 1e-9) && s->grid[node] <= LONGEST_NODE)) return HDA_MPC_GRID;

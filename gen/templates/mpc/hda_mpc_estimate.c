@@ -30,8 +30,7 @@ static void fill_inputs(const double *c, const double *torque, const double *dis
     double constant[NU];
     mpc_torque_constants(c, constant);
     for (int j = 0; j < NU; j++) u[j] = (torque[j] + disturbance[j]) / constant[j];
-    u[NU] = force[0];
-    u[NU + 1] = force[1];
+    for (int i = 0; i < HDA_WRENCH; i++) u[NU + i] = force[i];
 }
 
 void hda_mpc_predict_state(const double *c, const double *torque, const double *disturbance, const double *force,
@@ -68,9 +67,9 @@ void hda_mpc_start_estimate(hda_mpc_estimator *e, const hda_measurement *m, cons
         e->last[j] = m->joint_position[j];
         e->twist[j] = m->motor_position[j] / e->ratio[j] - m->joint_position[j];
     }
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < HDA_WRENCH; i++) {
         e->s[AT_FORCE + i] = m->tip_force[i];
-        e->P[(AT_FORCE + i) * (E + 1)] = square(noise->force);
+        e->P[(AT_FORCE + i) * (E + 1)] = square(noise->force[i]);
     }
 }
 
@@ -119,7 +118,7 @@ static void predict_covariance(hda_mpc_estimator *e, const double *torque, const
         e->P[turns[j] * (E + 1)] += h * square(noise->link[j]);
         e->P[(NX + j) * (E + 1)] += h * square(noise->disturbance[j]);
     }
-    for (int i = 0; i < 2; i++) e->P[(AT_FORCE + i) * (E + 1)] += h * square(noise->force);
+    for (int i = 0; i < HDA_WRENCH; i++) e->P[(AT_FORCE + i) * (E + 1)] += h * square(noise->force[i]);
 }
 
 /* One reading of entry `at` of s. */
@@ -173,7 +172,8 @@ void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const doub
         take_reading(e, links[j], m->joint_position[j], noise->joint[j]);
     }
     const double encoders = e->innovation;
-    for (int i = 0; i < 2 && by_sensor; i++) take_reading(e, AT_FORCE + i, m->tip_force[i], noise->reading);
+    for (int i = 0; i < HDA_WRENCH && by_sensor; i++)
+        take_reading(e, AT_FORCE + i, m->tip_force[i], noise->reading[i]);
     e->innovation = encoders;
     for (int j = 0; j < E; j++)
         for (int i = 0; i < j; i++) e->P[j * E + i] = e->P[i * E + j] = 0.5 * (e->P[j * E + i] + e->P[i * E + j]);

@@ -7,21 +7,21 @@
 #include "hda.h"
 #include "hda_mpc_sizes.h"
 
-enum { HDA_MPC_SEEN = HDA_NX + HDA_N + 2, HDA_MPC_LATEST = 8 };
+enum { HDA_MPC_SEEN = HDA_NX + HDA_N + HDA_WRENCH, HDA_MPC_LATEST = 8 };
 
 /* Standard deviations: of readings, and of what changes over a second. Doubles only. */
 typedef struct hda_mpc_noise {
     double motor[HDA_N], joint[HDA_N]; /* rad, of the encoders */
     double rotor[HDA_N], link[HDA_N];  /* rad/s per sqrt(s): white accelerations of motors and joints */
     double disturbance[HDA_N];         /* N m per sqrt(s) at the motor: walk of the disturbance */
-    double force;                      /* N per sqrt(s): walk of the tip force */
-    double reading;                    /* N, of the force sensor */
+    double force[HDA_WRENCH];          /* N (in space and N m) per sqrt(s): walk of the tip force */
+    double reading[HDA_WRENCH];        /* N (N m), of the force sensor */
     double observer;                   /* rad/s, of the momentum observer */
     double collision;                  /* N, departure of the observed force that is called a collision */
 } hda_mpc_noise;
 
 typedef struct hda_mpc_estimator {
-    double s[HDA_MPC_SEEN]; /* x, disturbance (N m at the motors), tip force (N) */
+    double s[HDA_MPC_SEEN]; /* x, disturbance (N m at the motors), tip force (N, in space and N m) */
     double P[HDA_MPC_SEEN * HDA_MPC_SEEN];
     double integral[HDA_N], outside[HDA_N]; /* momentum observer: its integral, joint torques from outside */
     double last[HDA_N];                     /* joint positions a tick before */

@@ -19,7 +19,7 @@ enum {
     W = HDA_BATCH_WIDTH,
     NY = HDA_MPC_NY,
     NG = HDA_MPC_NG,
-    AXES = HDA_MPC_AXES,
+    SHOWN = HDA_MPC_SHOWN,
     MOST_SQUARINGS = 12
 };
 
@@ -109,13 +109,13 @@ static void gather_lanes(const double *from, int count, int first, int last, V *
 }
 
 static void linearise_steps(hda_mpc *k, int first) {
-    V x[NX], T[NU], F[2], rate[NX], J[NX * HALF], by_T[HALF * NU], Phi[NX * NX], A[NX * NX], B[NX * NU], next[NX], h;
+    V x[NX], T[NU], F[HDA_WRENCH], rate[NX], J[NX * HALF], by_T[HALF * NU], Phi[NX * NX], A[NX * NX], B[NX * NU], next[NX], h;
     gather_lanes(k->x, NX, first, N - 1, x);
     gather_lanes(k->T, NU, first, N - 1, T);
     gather_lanes(k->settings.grid, 1, first, N - 1, &h);
-    for (int i = 0; i < 2; i++) F[i] = k->report.tip_force[i] - zero;
+    for (int i = 0; i < HDA_WRENCH; i++) F[i] = k->report.tip_force[i] - zero;
     for (int lane = 0; lane < W; lane++)
-        for (int i = 0; i < 2; i++) F[i][lane] *= k->fading[first + lane < N ? first + lane : N - 1];
+        for (int i = 0; i < HDA_WRENCH; i++) F[i][lane] *= k->fading[first + lane < N ? first + lane : N - 1];
     stage_rate(x, T, F, k->shared, rate + HALF, J, by_T);
     for (int i = 0; i < HALF; i++) rate[i] = HDA_MPC_SPEED * x[HALF + i];
     node_exponential(J, h, Phi, A);
@@ -134,10 +134,10 @@ static void linearise_steps(hda_mpc *k, int first) {
 }
 
 static void linearise_outputs(hda_mpc *k, int first) {
-    V x[NX], y[NY], Y[NY * NX], g[NG], G[NG * NX];
+    V x[NX], y[SHOWN], Y[NY * NX], g[NG], G[NG * NX];
     gather_lanes(k->x + NX, NX, first, N - 1, x);
     stage_look(x, k->shared, y, Y, g, G);
-    spread_lanes(y, NY, first, k->y);
+    spread_lanes(y, SHOWN, first, k->y);
     spread_lanes(Y, NY * NX, first, k->Y);
     spread_lanes(g, NG, first, k->g);
     spread_lanes(G, NG * NX, first, k->G);
@@ -195,17 +195,17 @@ void hda_mpc_stage_constants(const double *c, double *shared) {
 }
 
 void hda_mpc_compute_outputs(const hda_mpc *k, const double *x, double *y, double *Y, double *g, double *G) {
-    V at[NX], values[NY], slopes[NY * NX], rows[NG], row_slopes[NG * NX];
+    V at[NX], values[SHOWN], slopes[NY * NX], rows[NG], row_slopes[NG * NX];
     gather_lanes(x, NX, 0, 0, at);
     stage_look(at, k->shared, values, slopes, rows, row_slopes);
-    for (int i = 0; i < NY; i++) y[i] = values[i][0];
+    for (int i = 0; i < SHOWN; i++) y[i] = values[i][0];
     for (int i = 0; i < NY * NX; i++) Y[i] = slopes[i][0];
     for (int i = 0; i < NG; i++) g[i] = rows[i][0];
     for (int i = 0; i < NG * NX; i++) G[i] = row_slopes[i][0];
 }
 
 void hda_mpc_set_torsion_limits(hda_mpc *k) {
-    double x[NX] = {0}, y[NY], Y[NY * NX], g[NG], G[NG * NX];
+    double x[NX] = {0}, y[SHOWN], Y[NY * NX], g[NG], G[NG * NX];
     for (int f = 0; f < HDA_MPC_FLEXIBLE; f++) {
         const int motor = motors[k->flexible[f]];
         double least = 0.0, most = TURN, side = 1.0;

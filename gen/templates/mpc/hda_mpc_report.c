@@ -37,19 +37,31 @@ static double violation_of_row(const hda_mpc *k, int row, double value) {
     return (high > low ? high : low) * k->unit[row];
 }
 
+double hda_mpc_length(const double *a) {
+    double length = hda_length(a[0], a[1]);
+    for (int i = 2; i < HDA_TIP; i++) length = hda_length(length, a[i]);
+    return length;
+}
+
 void hda_mpc_detect_contact(hda_mpc *k) {
     hda_mpc_report *r = &k->report;
-    double map[2 * NU];
+    double map[HDA_TIP * NU], departed[HDA_TIP];
     hda_force_map(k->estimator.last, k->c, map);
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < HDA_TIP; i++) {
         r->observed_force[i] = 0.0;
         for (int j = 0; j < NU; j++)
             r->observed_force[i] += map[i * NU + j] * k->estimator.outside[j] / k->estimator.ratio[j];
     }
-    r->collision = hda_length(r->observed_force[0] - k->expected[0], r->observed_force[1] - k->expected[1]) >
-                   k->settings.noise.collision;
-    for (int i = 0; i < 2; i++)
+    for (int i = 0; i < HDA_TIP; i++) departed[i] = r->observed_force[i] - k->expected[i];
+    r->collision = hda_mpc_length(departed) > k->settings.noise.collision;
+    for (int i = 0; i < HDA_TIP; i++)
         k->expected[i] += k->guard.config.period / SLOW * (r->observed_force[i] - k->expected[i]);
+}
+
+static double distance(const double *a, const double *b) {
+    double apart[HDA_TIP];
+    for (int i = 0; i < HDA_TIP; i++) apart[i] = a[i] - b[i];
+    return hda_mpc_length(apart);
 }
 
 /* Whether a path's point is farther than the arm is long, nearer than its longest link lets the others come, or beyond
@@ -60,20 +72,20 @@ static int is_out_of_reach(const hda_mpc *k, const double *path) {
             if (path[j] < k->settings.position_low[j] || path[j] > k->settings.position_high[j]) return 1;
         return 0;
     }
-    double points[2 * (NU + 1)], q[NU], length = 0.0, longest = 0.0;
+    double points[HDA_TIP * (NU + 1)], q[NU], length = 0.0, longest = 0.0;
     for (int j = 0; j < NU; j++) q[j] = k->x[simple[j]];
     hda_points(q, k->c, points);
     for (int i = 0; i < NU; i++) {
-        const double link = hda_length(points[2 * i + 2] - points[2 * i], points[2 * i + 3] - points[2 * i + 1]);
+        const double link = distance(points + HDA_TIP * (i + 1), points + HDA_TIP * i);
         length += link;
         keep_largest(&longest, link);
     }
-    const double far = hda_length(path[0] - points[0], path[1] - points[1]);
+    const double far = distance(path, points);
     return HDA_MPC_TURNING && (far > length || far < 2.0 * longest - length);
 }
 
 int hda_mpc_check_limits(const hda_mpc *k, const double *path) {
-    double y[HDA_MPC_NY], Y[HDA_MPC_NY * NX], g[NG], G[NG * NX];
+    double y[HDA_MPC_SHOWN], Y[HDA_MPC_NY * NX], g[NG], G[NG * NX];
     hda_mpc_compute_outputs(k, k->x, y, Y, g, G);
     for (int row = HARD; row < ROWS; row++) {
         const double value = row < HARD + SIMPLES ? k->x[simple[row - HARD]] : g[row - HARD - SIMPLES];
@@ -84,7 +96,7 @@ int hda_mpc_check_limits(const hda_mpc *k, const double *path) {
 
 HDA_APART static void fill_report(hda_mpc *k) {
     hda_mpc_report *r = &k->report;
-    double y[HDA_MPC_NY], Y[HDA_MPC_NY * NX], g[NG], G[NG * NX];
+    double y[HDA_MPC_SHOWN], Y[HDA_MPC_NY * NX], g[NG], G[NG * NX];
     memset(r->active_of, 0, sizeof r->active_of);
     memset(r->violated_by, 0, sizeof r->violated_by);
     memset(r->foreseen_by, 0, sizeof r->foreseen_by);

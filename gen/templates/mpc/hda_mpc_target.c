@@ -1,11 +1,13 @@
 /* The target, the cost's slope, the rows' bounds, and the trajectory one period on.
  *
  * Legend: M x'' + B x' + K x = F the wanted admittance about the commanded path; F the tip force, which fades at
- * `decay` over the horizon. */
+ * `decay` over the horizon. In space the same holds for the rotation vector of a turn, pulled by D'm (hda_mpc_axes.h). */
 #include "hda_mpc.h"
 
 #include <math.h>
 #include <string.h>
+
+#include "hda_mpc_axes.h"
 
 enum {
     NX = HDA_MPC_NX,
@@ -104,7 +106,7 @@ void hda_mpc_set_constants(hda_mpc *k) {
     for (int g = 0; g < HDA_MPC_FLEXIBLE; g++) k->flexible[g] = joint_of[g];
     hda_mpc_stage_constants(k->c, k->shared);
     memcpy(k->shared + HDA_MPC_AT_SMOOTHING, s->smoothing, sizeof s->smoothing);
-    for (int i = 0; i < 3 * HDA_MPC_WALLS; i++) k->shared[HDA_MPC_AT_WALLS + i] = s->walls[i];
+    for (int i = 0; i < HDA_MPC_WALL_NUMBERS * HDA_MPC_WALLS; i++) k->shared[HDA_MPC_AT_WALLS + i] = s->walls[i];
     for (int axis = 0; axis < AXES; axis++) {
         const double M = s->mass[axis],
                      A[9] = {0.0, 1.0, 0.0,      -s->stiffness[axis] / M, -s->damping[axis] / M, 1.0 / M,
@@ -116,10 +118,14 @@ void hda_mpc_set_constants(hda_mpc *k) {
         k->fading[node] = exp(-s->decay * (time + 0.5 * s->grid[node]));
         time += s->grid[node];
     }
-    const double most = s->weight_position > s->weight_velocity ? s->weight_position : s->weight_velocity;
+    double most = s->weight_position > s->weight_velocity ? s->weight_position : s->weight_velocity;
+    if (HDA_MPC_POSITIONS < AXES && s->weight_orientation > most) most = s->weight_orientation;
     k->weight = 10.0 / (most > s->weight_posture ? most : s->weight_posture);
     for (int m = 0; m < NY; m++) {
-        const double weight = m < AXES ? s->weight_position : m < 2 * AXES ? s->weight_velocity : s->weight_posture;
+        const int turns = m % AXES >= HDA_MPC_POSITIONS;
+        const double weight = m < AXES       ? (turns ? s->weight_orientation : s->weight_position)
+                              : m < 2 * AXES ? (turns ? s->weight_turning : s->weight_velocity)
+                                             : s->weight_posture;
         k->output_weight[0][m] = k->weight * weight;
         k->output_weight[1][m] = k->weight * weight * s->terminal;
     }
@@ -138,7 +144,7 @@ static double clamp_bound(double value) {
 
 /* How far the present state is beyond its places: walls and ranges of joints; in the rows' units, 0 within. */
 static void find_violations(const hda_mpc *k, double (*beyond)[2]) {
-    double y[NY], Y[NY * NX], g[NG], G[NG * NX];
+    double y[HDA_MPC_SHOWN], Y[NY * NX], g[NG], G[NG * NX];
     if (HDA_MPC_WALLS) hda_mpc_compute_outputs(k, k->x, y, Y, g, G);
     for (int row = HARD; row < ROWS; row++) {
         beyond[row][0] = beyond[row][1] = 0.0;
@@ -193,19 +199,36 @@ static void carry_admittance(const double *E, double force, double *position, do
 /* The force along each axis of the target: at the tip, or as torques of the joints. */
 static void force_along_axes(const hda_mpc *k, const double *force, double *axis) {
     if (!HDA_MPC_JOINT_SPACE) {
-        memcpy(axis, force, 2 * sizeof *axis);
+        memcpy(axis, force, AXES * sizeof *axis);
         return;
     }
-    double J[2 * NU], velocity[2], turn[2], still[NU] = {0}, q[NU];
+    double J[HDA_WRENCH * NU], velocity[HDA_WRENCH], turn[HDA_WRENCH], still[NU] = {0}, q[NU];
     for (int j = 0; j < NU; j++) q[j] = k->x[simple[j]];
     hda_tip_jacobian(q, still, k->c, J, velocity, turn);
-    for (int j = 0; j < NU; j++) axis[j] = J[2 * j] * force[0] + J[2 * j + 1] * force[1];
+    for (int j = 0; j < NU; j++) {
+        const double *column = J + HDA_WRENCH * j;
+        axis[j] = column[0] * force[0] + column[1] * force[1];
+        for (int i = 2; i < HDA_WRENCH; i++) axis[j] += column[i] * force[i];
+    }
+}
+
+/* The target's displacement over one of the spans in `carry`. */
+static void carry_target(const hda_mpc *k, int span, const double *force, double *yielded) {
+    double pull[AXES];
+    axes_pull(yielded, force, pull);
+    for (int a = 0; a < AXES; a++) carry_admittance(k->carry[span * AXES + a], pull[a], yielded + a, yielded + AXES + a);
+}
+
+void hda_mpc_begin_admittance(hda_mpc *k, const double *q, const double *path) {
+    double place[HDA_MPC_POSITIONS + HDA_MPC_ORIENTATION];
+    axes_place(q, k->c, place);
+    axes_begin(place, path, k->yielded);
 }
 
 void hda_mpc_step_admittance(hda_mpc *k, const double *force) {
     double axis[AXES];
     force_along_axes(k, force, axis);
-    for (int a = 0; a < AXES; a++) carry_admittance(k->carry[a], axis[a], k->yielded + a, k->yielded + AXES + a);
+    carry_target(k, 0, axis, k->yielded);
 }
 
 void hda_mpc_set_targets(hda_mpc *k, const double *path, const double *force) {
@@ -213,15 +236,11 @@ void hda_mpc_set_targets(hda_mpc *k, const double *path, const double *force) {
     memcpy(yielded, k->yielded, sizeof yielded);
     force_along_axes(k, force, axis);
     for (int node = 0; node < N; node++) {
-        const double *wanted = path + (node + 1) * 2 * AXES, *Y = k->Y + node * NY * NX, *y = k->y + node * NY;
+        const double *Y = k->Y + node * NY * NX, *y = k->y + node * HDA_MPC_SHOWN;
         double *restrict h = k->qp.h + node * NX;
-        for (int a = 0; a < AXES; a++) {
-            const double *E = k->carry[(node + 1) * AXES + a];
-            carry_admittance(E, axis[a], yielded + a, yielded + AXES + a);
-            axis[a] *= E[8];
-            goal[a] = wanted[a] + yielded[a];
-            goal[AXES + a] = wanted[AXES + a] + yielded[AXES + a];
-        }
+        carry_target(k, node + 1, axis, yielded);
+        for (int a = 0; a < AXES; a++) axis[a] *= k->carry[(node + 1) * AXES + a][8];
+        axes_goal(path + (node + 1) * 2 * AXES, yielded, y + NY, goal);
         for (int i = 0; i < NX; i++) h[i] = 0.0;
         for (int m = 0; m < NY; m++) {
             k->goal[node * NY + m] = goal[m];

@@ -58,7 +58,7 @@ def tune_admittance(
     from scipy.optimize import minimize
 
     start = np.log([controller.gains[name] for name in TUNED_GAIN_NAMES])
-    wanted = list_admittance_gains(c)
+    wanted = list_admittance_gains(arm.robot, c)
 
     def distance(logarithms: np.ndarray) -> float:
         inside = np.clip(logarithms, start - np.log(GAIN_SPREAD), start + np.log(GAIN_SPREAD))

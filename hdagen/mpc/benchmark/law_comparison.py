@@ -131,7 +131,7 @@ def compare_controllers(
     predictive = MPC(arm, c)
     guard = predictive.guard
     controllers: dict[str, Controller] = {
-        name: Controller(arm, name, guard, list_admittance_gains(c)) for name in COMPARED_LAWS
+        name: Controller(arm, name, guard, list_admittance_gains(arm.robot, c)) for name in COMPARED_LAWS
     }
     say("tuning the admittance law's inner loop")
     path = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, 4.0, float(c["mpc.period"]))
@@ -200,7 +200,7 @@ def make_random_bench(tuned: Mapping[str, float], profile: str, out: Path | None
         tuple(replace(w, offset=10.0) for w in COURSE_WALLS), limits__tip_speed=1.0, limits__sudden=0.0
     )
     predictive = MPC(arm, c)
-    admittance = Controller(arm, COMPARED_LAWS[1], predictive.guard, list_admittance_gains(c) | dict(tuned))
+    admittance = Controller(arm, COMPARED_LAWS[1], predictive.guard, list_admittance_gains(arm.robot, c) | dict(tuned))
     path = circle(CIRCLE_RADIUS, CIRCLE_CENTER, SECONDS_PER_TURN, 4.0, float(c["mpc.period"]))
     return RandomRunBench(arm, plant, predictive, admittance, c, far, path)
 

@@ -93,7 +93,7 @@ def compute_loop_cost(arm: Arm, c: Configuration, path: Reference, found: Trial,
 
     """
     s, h = found.simulation, path.period
-    goal = path.position + simulate_ideal_admittance(controller, s.push, h, list_admittance_gains(c))
+    goal = path.position + simulate_ideal_admittance(controller, s.push, h, list_admittance_gains(arm.robot, c))
     node = round(c.grid[0] / h)
     share = s.torque / np.array(arm.manifest["mpc"]["torque"])
     q, v = (s.state[:, _joint_columns(arm, what)] for what in ("position", "velocity"))
