@@ -7,7 +7,7 @@ from contextlib import closing
 from dataclasses import replace
 
 from hdagen.campaign.campaign_progress import CampaignProgress
-from hdagen.campaign.result_store import ResultStore
+from hdagen.campaign.result_store import TABLE_FILE, ResultStore
 from hdagen.campaign.task import Outcome, Status, Task
 from hdagen.campaign.task_runner import TaskRunner
 
@@ -86,6 +86,8 @@ def _keep_finished(
     tasks: Sequence[Task], store: ResultStore, outcomes: dict[str, Outcome], say: Callable[[str], None]
 ) -> list[Task]:
     """Enter the outcomes of earlier runs; return the tasks that are left."""
+    if store.is_table_broken():
+        say(f"{store.folder / TABLE_FILE}: is broken; it is made again from the results of the tasks, which are kept.")
     todo = []
     for task in tasks:
         kept = store.find_finished(task)

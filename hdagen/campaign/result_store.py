@@ -131,6 +131,24 @@ class ResultStore:
         except (InputFileError, KeyError, TypeError):
             return []
 
+    def is_table_broken(self) -> bool:
+        """Tell whether the folder has a table that cannot be read, as a copy or a disk that broke off leaves it.
+
+        Returns:
+            Whether it has one.
+
+        """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        if not (self.folder / TABLE_FILE).is_file():
+            return False
+        try:
+            pq.read_metadata(self.folder / TABLE_FILE)
+        except (pa.ArrowException, OSError):
+            return True
+        return False
+
     def write_table(self, outcomes: Mapping[str, Outcome]) -> None:
         """Write the table of all outcomes, whole or not at all.
 

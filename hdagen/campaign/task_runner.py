@@ -105,7 +105,8 @@ class DaskRunner:
         self._ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         self._waiting: dict[Future[Any], _Attempt] = {}
         self._again: list[_Attempt] = []
-        self._run = uuid.uuid4().hex[:8]
+        self._group = f"hdagen-{uuid.uuid4().hex[:8]}"
+        self._group_holder: Future[Any] | None = None
         self._count = 0
         self._lonely_since = 0.0
 
@@ -126,6 +127,7 @@ class DaskRunner:
         is_exhausted = False
         with self._explain_errors():
             self._admission.look_for_workers()  # all that are there take part from the beginning
+            self._hold_group()
         while self._waiting or self._again or not is_exhausted:
             self._check_cluster()
             while idle := self._admission.admitted - {attempt.worker for attempt in self._waiting.values()}:
@@ -139,6 +141,11 @@ class DaskRunner:
                     yield attempt.task, unsent
             for attempt, outcome in (*self._take_back_lost(), *self._stop_overdue(), *self._collect_ended()):
                 yield attempt.task, outcome
+
+    def _hold_group(self) -> None:
+        """Keep one result, so that the group of all tasks never ends: the scheduler remembers groups that ended."""
+        if self._group_holder is None:
+            self._group_holder = self._client.submit(int, key=(self._group, 0), pure=False)
 
     def _check_cluster(self) -> None:
         """Look for workers. Raises PlantError where none can take tasks."""
@@ -182,7 +189,7 @@ class DaskRunner:
             return payload
         self._count += 1
         attempt.deadline = time.monotonic() + attempt.task.longest_seconds
-        key = (f"hdagen-{self._run}", self._count)  # one group of tasks: the scheduler remembers every group
+        key = (self._group, self._count)
         with self._explain_errors():
             future = self._client.submit(execute_on_worker, payload, key=key, workers=[attempt.worker], pure=False)
         self._waiting[future] = attempt

@@ -107,7 +107,13 @@ def test_a_table_that_is_half_is_made_again_from_the_files(store: ResultStore) -
     run_campaign(squares(3), store, InProcessRunner(), silent)
     whole = (store.folder / "results.parquet").read_bytes()
     (store.folder / "results.parquet").write_bytes(whole[: len(whole) // 2])
-    run_campaign(squares(3), store, InProcessRunner(), silent)
+    said: list[str] = []
+    run_campaign(squares(3), store, InProcessRunner(), said.append)
+    table = store.folder / "results.parquet"
+    assert said == [
+        f"{table}: is broken; it is made again from the results of the tasks, which are kept.",
+        "3 of 3 were finished before and are kept, 0 are left.",
+    ]
     assert [row["square"] for row in rows_of(store).values()] == [0, 1, 4]
 
 
@@ -172,6 +178,15 @@ def test_nothing_but_the_tasks_own_inputs_leaves_this_process(
     for word in ("a word of the log", "label of the log", "a parameter"):
         assert word.encode() in all_sent
     assert secret.encode() not in all_sent and str(tmp_path).encode() not in all_sent
+
+
+def test_the_scheduler_forgets_tasks_that_have_ended(store: ResultStore) -> None:
+    """All tasks are one group and one span, which Dask keeps for good; with one worker each would be one of its own."""
+    with open_cluster(ClusterRequest(jobs=1), silent, needs_processes=True) as runner:
+        run_campaign(squares(12), store, runner, silent)
+        scheduler = runner._client.cluster.scheduler  # type: ignore[attr-defined]
+        assert len(scheduler.task_groups) == len(scheduler.extensions["spans"].spans) == 1
+        assert len(scheduler.tasks) <= 2
 
 
 class StubClient:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from hdagen.arm.build_loader import PlantError
 from hdagen.bench.campaign_overhead import hash_results, measure_overhead, sleep_for_task
+from hdagen.bench.campaign_overhead import main as measure_campaign
 from hdagen.bench.made_fleet import draw_one_joint_cases, main
 from hdagen.campaign.task import Outcome, Status, Task
 from hdagen.fleet.fleet_file import read_fleet
@@ -24,12 +29,41 @@ def test_a_made_fleet_is_a_fleet_whose_logs_differ(tmp_path: Path) -> None:
     assert draw_one_joint_cases("a", 2) == draw_one_joint_cases("a", 3)[:2]
 
 
+def sleepers(count: int) -> list[Task]:
+    return [Task(f"sleep {k}", sleep_for_task, {"seconds": 0.0, "number": k}) for k in range(count)]
+
+
 def test_figures_of_a_run_add_up_and_results_are_told_apart(tmp_path: Path) -> None:
-    tasks = [Task(f"sleep {k}", sleep_for_task, {"seconds": 0.0, "number": k}) for k in range(3)]
-    found = measure_overhead(tasks, 0, tmp_path)
+    found, _ = measure_overhead(sleepers(3), 0, tmp_path)
     assert found["ended"] == {"done": 3} and found["messages_per_task"] == 0
-    assert found["memory"]["last"] > 0 and found["processor_seconds_outside"] > 0
+    assert found["memory"][0]["last"] > 0 and found["processor_seconds_outside"] > 0
     one = Outcome(Status.DONE, {"value": 0.1 + 0.2}, seconds=1.0)
     same = hash_results({"a": one})
     assert hash_results({"a": replace(one, seconds=2.0)}) == same
     assert hash_results({"a": replace(one, row={"value": 0.3})}) != same
+
+
+def test_a_measurement_goes_on_in_its_folder_and_counts_each_task_once(tmp_path: Path) -> None:
+    first, _ = measure_overhead(sleepers(2), 0, tmp_path)
+    both, _ = measure_overhead(sleepers(5), 0, tmp_path)
+    assert (first["tasks"], both["tasks"], both["calls"]) == (2, 5, 2)
+    assert both["processor_seconds_outside"] > first["processor_seconds_outside"]
+    again, _ = measure_overhead(sleepers(5), 0, tmp_path)
+    assert again == both  # nothing was left to do, and nothing is added
+    with pytest.raises(PlantError, match="begun with --jobs 0"):
+        measure_overhead(sleepers(5), 1, tmp_path)
+
+
+def test_a_result_that_differs_in_one_process_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = ["--tasks", "4", "--seconds", "0", "--jobs", "0", "--out", str(tmp_path), "--compare-every", "2"]
+    assert measure_campaign(command) == 0
+    assert '"compared": 2' in capsys.readouterr().out
+    row = tmp_path / "one_process" / "sleep-2" / "task.json"
+    row.write_text(row.read_text().replace('"number": 2', '"number": 3'))
+    assert measure_campaign(command) == 1
+    assert json.loads(capsys.readouterr().out)["differ"] == ["sleep-2"]
+    (tmp_path / "campaign" / "calls.json").write_text("half")
+    assert measure_campaign(command) == 2
+    assert "calls.json" in capsys.readouterr().err

@@ -26,6 +26,7 @@ from trivial_tasks import make_stand_in
 from hdagen.__main__ import main
 from hdagen.arm.build_loader import PlantError
 from hdagen.campaign.cluster_request import ClusterRequest
+from hdagen.campaign.result_store import ResultStore
 from hdagen.campaign.task import Outcome, Status
 from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page
 from hdagen.fleet.fleet_diagnosis import MachineResult
@@ -315,6 +316,34 @@ def test_all_that_is_wrong_in_a_fleet_toml_is_said_at_once(tmp_path: Path) -> No
         "machine 4: robot = 'no/arm.toml': there is no such file, and it is no preset's name.",
         "2 machines are named 'log'; tell them apart with name = \"…\".",
     ]
+
+
+def test_three_wrong_lines_of_ten_thousand_machines_are_said_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "log.csv").write_text("")
+    lines = [
+        f'[[machine]]\nname = "{k}"\nrobot = "paper"\nlog = "log.csv"\ndate = 2026-01-05' for k in range(1, 10_001)
+    ]
+    lines[17] = lines[17].replace("log.csv", "none.csv")
+    lines[5000] = lines[5000].replace("2026-01-05", '"yesterday"')
+    lines[9999] = lines[9999].replace("paper", "No such")
+    (tmp_path / "fleet.toml").write_text("\n".join(lines))
+    assert main(["diagnose", "--fleet", str(tmp_path / "fleet.toml"), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert [line.partition(": machine ")[2].split(":")[0] for line in said] == ["18", "5001", "10000"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_second_command_in_the_same_folder_is_one_sentence(
+    asked: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out").mkdir()
+    with ResultStore(tmp_path / "out").hold_lock():
+        assert main(["diagnose", "--fleet", str(asked(a="find")), "--out", str(tmp_path / "out")]) == 2
+    complained = capsys.readouterr().err
+    assert complained.count("\n") == 1 and "another run works in this folder; wait for its end" in complained
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 @pytest.mark.parametrize(
