@@ -9,8 +9,8 @@ import pytest
 import wrist
 
 from hdagen import diagnose
-from hdagen.diagnosis import pipeline
 from hdagen.diagnosis.diagnosis import Diagnosis
+from hdagen.diagnosis.judged_search import JudgedSearch
 
 ROBOT = wrist.ROBOT.replace("step = 1e-3", "step = 1e-3\ntolerance = 0.1")
 
@@ -39,7 +39,7 @@ def test_a_wrong_number_comes_back_and_a_right_one_stays(
     """In the second search, as if the first had left many times the noise."""
     robot = tmp_path / "robot.toml"
     robot.write_text(ROBOT.replace("inertia = 0.03", stated))
-    monkeypatch.setattr(pipeline._JudgedSearch, "is_file_in_doubt", True)
+    monkeypatch.setattr(JudgedSearch, "is_file_in_doubt", True)
     found = diagnose(robot, [wrist.move_wrist(robot, truth, 6.0)])
     factors = find_factors(found)
     assert sorted(factors) == sorted(found.verdict)
