@@ -78,7 +78,15 @@ def diagnose_case(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str
     """
     place = folder.inputs[_ROBOT_FILE].parent
     _build_models(folder, parameters)
-    command = [*_find_program(parameters), "diagnose", _ROBOT_FILE, _LOG, "--out", "out", *parameters.get("options", ())]
+    command = [
+        *_find_program(parameters),
+        "diagnose",
+        _ROBOT_FILE,
+        _LOG,
+        "--out",
+        "out",
+        *parameters.get("options", ()),
+    ]
     try:
         ended = run_command(command, place, LONGEST_DIAGNOSIS)
     except ChildError as error:

@@ -54,11 +54,11 @@ class Check:
     seconds: float
     out: Path
     keep: bool = False
-    keep_searches: bool = False
     program: tuple[str, ...] = ()
     family: str | None = None
     background: float | None = None
     model: str = ""
+    keep_searches: bool = False
 
     @property
     def population(self) -> Population:

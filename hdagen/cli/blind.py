@@ -84,11 +84,7 @@ def add_parser(commands: Any) -> None:
         "--out", type=Path, metavar="DIR", help="folder of the results (default: blind- and family, kind, background)"
     )
     p.add_argument("--keep", action="store_true", help="keep every case's logs and page")
-    p.add_argument(
-        "--keep-searches",
-        action="store_true",
-        help="keep every case's log and searches, from which `python -m hdagen.blind.ablation` decides again",
-    )
+    p.add_argument("--keep-searches", action="store_true", help="keep logs and searches, to decide the cases again")
     p.add_argument("--calibrate", type=Path, metavar="FILE", help="also write the data that a calibration is fitted to")
     p.add_argument("--json", action="store_true", help="print blind.json, or where cases were written")
     add_cluster_options(p, "cases", "2")
@@ -222,10 +218,10 @@ def _run_check(options: argparse.Namespace, seed: str, cluster: ClusterRequest) 
         options.seconds,
         options.out or Path(f"blind-{read_population(vars(options)).name.replace(' ', '-')}"),
         options.keep,
-        options.keep_searches,
         family=options.family,
         background=options.background,
         model=options.model or "",
+        keep_searches=options.keep_searches,
     )
     rows, closed = run_check(asked, _make_progress())
     found = make_report(asked, closed, rows)

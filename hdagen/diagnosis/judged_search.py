@@ -126,8 +126,8 @@ def judge_with_numbers(
     search: SearchResult,
     search_numbers: Callable[[Sequence[str] | None], JudgedSearch | None],
 ) -> JudgedSearch:
-    """Judge a search that takes the robot file as right, and a second one with the file's numbers among the causes where
-    the first leaves much.
+    """Judge a search that takes the robot file as right, and one with its numbers among the causes where that leaves
+    much.
 
     What clearly leaves less of unseen motion stands. Where the file seems to be another machine's, the second one
     stands if it leaves about the noise.

@@ -16,7 +16,7 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.models import load_models
 from hdagen.diagnosis.data.prepared_data import PreparedData, prepare_data
 from hdagen.diagnosis.decision.direct_evidence import find_direct_evidence
-from hdagen.diagnosis.decision.verdict_content import describe_decision
+from hdagen.diagnosis.decision.verdict_content import describe_choice
 from hdagen.diagnosis.explanation import conclude_diagnosis
 from hdagen.diagnosis.holdout.unseen_motion import measure_without_effects
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
@@ -132,7 +132,7 @@ class StoredDiagnosis:
         final = conclude_diagnosis(self.judge.data, found.checked, attempts)
         decision = found.checked.settled.statement.decision
         return {
-            **describe_decision(found.search, decision),
+            **describe_choice(found.search, decision),
             "verdict": list(final.effects),
             "sure": final.is_sure,
             "gap": final.alternatives.gap,

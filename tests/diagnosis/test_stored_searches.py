@@ -1,4 +1,4 @@
-"""A diagnosis decided again from its stored searches says the same to the bit; a hostile file of searches is refused."""
+"""A diagnosis decided again from its stored searches says the same to the bit; hostile files are refused."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ import wrist
 from hdagen import diagnose
 from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.judged_search import JudgedSearch
-from hdagen.diagnosis.search.stored_searches import LARGEST_FILE_BYTES, SEARCHES_FILE
+from hdagen.diagnosis.search import stored_searches
+from hdagen.diagnosis.search.stored_searches import SEARCHES_FILE
 from hdagen.diagnosis.stored_diagnosis import StoredDiagnosis, read_diagnosis
 from hdagen.log.measured_log import Log
 from hdagen.support.input_file import InputFileError
-
-DECIDED = ("verdict", "sure", "hypotheses", "causes", "gap", "method")
 
 
 @pytest.fixture(scope="module")
@@ -57,15 +56,13 @@ def test_the_stored_searches_decide_the_same_to_the_bit(
     monkeypatch.setattr(JudgedSearch, "is_file_in_doubt", True)
     again = stored.decide_again()
     assert not again["lacks_search"]
-    # causes of diagnosis.json also have the gap after each, which the ranking adds
-    causes = [{k: v for k, v in one.items() if k != "gap_after"} for one in found.content["causes"]]
-    expected = {**found.content, "causes": causes}
-    for key in DECIDED:
-        if key == "gap":
-            for name in ("before", "after", "achievable", "interval"):
-                assert json.dumps(again[key][name]) == json.dumps(expected[key][name]), name
-        else:
-            assert json.dumps(again[key]) == json.dumps(expected[key]), key
+    expected = found.content
+    for key in ("verdict", "sure", "hypotheses", "method"):
+        assert json.dumps(again[key]) == json.dumps(expected[key]), key
+    for key in ("effect", "joint", "probability", "parameters"):
+        assert json.dumps([one[key] for one in again["causes"]]) == json.dumps([one[key] for one in expected["causes"]])
+    for key in ("before", "after", "achievable", "interval"):
+        assert json.dumps(again["gap"][key]) == json.dumps(expected["gap"][key]), key
     assert again["verdict"] == ["coulomb_friction@1"]
 
 
@@ -129,7 +126,7 @@ def _add_objects(content: bytes) -> bytes:
 def _pack_too_much(content: bytes) -> bytes:
     """A small file that unpacks to more than is possible."""
     file = io.BytesIO()
-    np.savez_compressed(file, tree=np.zeros(LARGEST_FILE_BYTES + 1, np.uint8))
+    np.savez_compressed(file, tree=np.zeros(2 * len(content), np.uint8))
     return file.getvalue()
 
 
@@ -150,9 +147,16 @@ def _pack_too_much(content: bytes) -> bytes:
     ],
 )
 def test_a_damaged_file_is_refused_in_a_sentence(
-    robot: Path, machine_log: Log, found: Diagnosis, tmp_path: Path, damage: Callable[[bytes], bytes]
+    robot: Path,
+    stored: StoredDiagnosis,
+    tmp_path: Path,
+    damage: Callable[[bytes], bytes],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    content = (robot.parent / SEARCHES_FILE).read_bytes()
+    monkeypatch.setattr(stored_searches, "LARGEST_SEARCHES_BYTES", len(content) + 1000)
     path = tmp_path / SEARCHES_FILE
-    path.write_bytes(damage((robot.parent / SEARCHES_FILE).read_bytes()))
+    path.write_bytes(damage(content))
+    simulators = {stored_searches.RIGID: stored.searches.null.sensitivities.shooting}
     with pytest.raises(InputFileError, match="--keep-searches` writes"):
-        read_diagnosis(robot, [machine_log], path)
+        stored_searches.read_searches(path, stored.judge.models.full.effects, simulators)

@@ -1,7 +1,8 @@
 """The searches of a diagnosis in a file, from which the diagnosis can be decided again without any fit.
 
 The file holds numbers, names and the tree that they stand in. It is an NPZ archive whose entry `tree` is JSON, and
-whose other entries are the arrays of that tree. Models and logs are not in it: whoever reads it has the robot file and the logs.
+whose other entries are the arrays of that tree. Models and logs are not in it: whoever reads it has the robot file and
+the logs.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from hdagen.support.atomic_write import write_atomically
 from hdagen.support.input_file import InputFileError, read_bytes
 
 SEARCHES_FILE = "searches.npz"
-LARGEST_FILE_BYTES = 400_000_000
+LARGEST_SEARCHES_BYTES = 400_000_000
 SPRINGS, RIGID = "springs", "rigid"  # the model with springs in rigid joints, and the one without
 _REMEDY = "`hdagen diagnose --keep-searches` writes such a file"
 _DTYPES = {np.dtype(one) for one in ("f8", "i8", "bool")}
@@ -85,7 +86,7 @@ def write_searches(found: Searches, path: Path) -> None:
     tree = json.dumps({"objects": writer.objects, "root": root}, separators=(",", ":"))
     file = io.BytesIO()
     arrays = {f"array_{k}": array for k, array in enumerate(writer.arrays)}
-    np.savez(file, tree=np.frombuffer(tree.encode(), np.uint8), **arrays)
+    np.savez(file, allow_pickle=False, tree=np.frombuffer(tree.encode(), np.uint8), **arrays)
     write_atomically(path, file.getvalue())
 
 
@@ -104,7 +105,7 @@ def read_searches(path: Path, effects: EffectCatalogue, simulators: Mapping[str,
         InputFileError: the file cannot be read, or does not belong to these models.
 
     """
-    content = read_bytes(path, LARGEST_FILE_BYTES, _REMEDY)
+    content = read_bytes(path, LARGEST_SEARCHES_BYTES, _REMEDY)
     try:
         arrays = _read_arrays(content)
         tree = json.loads(arrays.pop("tree").tobytes())
@@ -134,7 +135,7 @@ def needs_springs(path: Path) -> bool:
         InputFileError: the file cannot be read.
 
     """
-    content = read_bytes(path, LARGEST_FILE_BYTES, _REMEDY)
+    content = read_bytes(path, LARGEST_SEARCHES_BYTES, _REMEDY)
     try:
         return f'{{"simulator":"{SPRINGS}"}}'.encode() in _read_arrays(content)["tree"].tobytes()
     except (LookupError, ValueError, zipfile.BadZipFile, EOFError) as error:
@@ -144,7 +145,7 @@ def needs_springs(path: Path) -> bool:
 def _read_arrays(content: bytes) -> dict[str, Array]:
     """The arrays of an archive; ValueError where it would grow beyond the largest file."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        if sum(one.file_size for one in archive.infolist()) > LARGEST_FILE_BYTES:
+        if sum(one.file_size for one in archive.infolist()) > LARGEST_SEARCHES_BYTES:
             raise ValueError("its entries are too large")
     with np.load(io.BytesIO(content), allow_pickle=False) as archive_of_arrays:
         return dict(archive_of_arrays)
