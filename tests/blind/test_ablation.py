@@ -65,7 +65,12 @@ def make_check(folder: Path, truth: list[str], said: dict[str, Any]) -> Path:
     out.mkdir(parents=True)
     (out / "searches.npz").touch()
     (out / "diagnosis.json").write_text(json.dumps(said))
-    row = {"name": "case-000", "kind": "single" if truth else "none", "truth": truth, "sizes": [1.0] * len(truth)}
+    row: dict[str, Any] = {
+        "name": "case-000",
+        "kind": "single" if truth else "none",
+        "truth": truth,
+        "sizes": [1.0] * len(truth),
+    }
     row |= {"optional": [], "numbers": [], "background": 0.0, "snr": 9.0, "parameters": {one: {} for one in truth}}
     report = {"kind": row["kind"], "family": "maxwell", "background": None, "model": "", "seed": "s", "rows": [row]}
     (folder / "blind.json").write_text(json.dumps(report))
