@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import random
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,50 @@ def _damage_tree(change: Callable[[dict[str, Any]], Any]) -> Callable[[bytes], b
         return file.getvalue()
 
     return damage
+
+
+def _damage_text(seed: int) -> Callable[[bytes], bytes]:
+    """Damage that cuts a piece out of the tree's text, or overwrites one."""
+
+    def damage(content: bytes) -> bytes:
+        chance = random.Random(seed)
+        arrays = dict(np.load(io.BytesIO(content)))
+        text = bytearray(arrays["tree"].tobytes())
+        at = chance.randrange(len(text))
+        text[at : at + chance.choice([1, 5, 300])] = chance.choice([b"", b"0", b"{}", b"null", b"[[", b"-1", b"9" * 30])
+        file = io.BytesIO()
+        np.savez(file, **(arrays | {"tree": np.frombuffer(bytes(text), np.uint8)}))
+        return file.getvalue()
+
+    return damage
+
+
+def _flip_bit(seed: int) -> Callable[[bytes], bytes]:
+    """Damage of one bit of the archive."""
+
+    def damage(content: bytes) -> bytes:
+        chance = random.Random(seed)
+        flipped = bytearray(content)
+        flipped[chance.randrange(len(flipped))] ^= 1 << chance.randrange(8)
+        return bytes(flipped)
+
+    return damage
+
+
+@pytest.mark.parametrize("make_damage", [_damage_text, _flip_bit])
+def test_random_damage_is_read_or_refused(
+    robot: Path, stored: StoredDiagnosis, tmp_path: Path, make_damage: Callable[[int], Callable[[bytes], bytes]]
+) -> None:
+    content, path = (robot.parent / SEARCHES_FILE).read_bytes(), tmp_path / SEARCHES_FILE
+    simulators = {stored_searches.RIGID: stored.searches.null.sensitivities.shooting}
+    refused = 0
+    for seed in range(40):
+        path.write_bytes(make_damage(seed)(content))
+        try:
+            stored_searches.read_searches(path, stored.judge.models.full.effects, simulators)
+        except InputFileError:
+            refused += 1
+    assert refused > 20
 
 
 def _shorten_parameters(content: bytes) -> bytes:

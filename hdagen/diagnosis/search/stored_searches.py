@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -33,6 +34,10 @@ SEARCHES_FILE = "searches.npz"
 LARGEST_SEARCHES_BYTES = 400_000_000
 SPRINGS, RIGID = "springs", "rigid"  # the model with springs in rigid joints, and the one without
 _REMEDY = "`hdagen diagnose --keep-searches` writes such a file"
+DAMAGE_ERRORS = (  # that a damaged archive or a damaged tree raises
+    *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, RuntimeError, TypeError, ValueError),
+    *(zipfile.BadZipFile, zlib.error),
+)
 _DTYPES = {np.dtype(one) for one in ("f8", "i8", "bool")}
 
 
@@ -113,7 +118,7 @@ def read_searches(path: Path, effects: EffectCatalogue, simulators: Mapping[str,
         for class_name, values in tree["objects"]:
             reader.restore_object(class_name, values)
         found = reader.decode(tree["root"])
-    except (LookupError, TypeError, ValueError, AttributeError, RecursionError, zipfile.BadZipFile, EOFError) as error:
+    except DAMAGE_ERRORS as error:
         raise InputFileError(
             f"{path}: holds no searches of this robot and log ({type(error).__name__}: {str(error)[:200]}); {_REMEDY}."
         ) from None
@@ -138,8 +143,8 @@ def needs_springs(path: Path) -> bool:
     content = read_bytes(path, LARGEST_SEARCHES_BYTES, _REMEDY)
     try:
         return f'{{"simulator":"{SPRINGS}"}}'.encode() in _read_arrays(content)["tree"].tobytes()
-    except (LookupError, ValueError, zipfile.BadZipFile, EOFError) as error:
-        raise InputFileError(f"{path}: holds no searches ({error}); {_REMEDY}.") from None
+    except DAMAGE_ERRORS as error:
+        raise InputFileError(f"{path}: holds no searches ({type(error).__name__}); {_REMEDY}.") from None
 
 
 def _read_arrays(content: bytes) -> dict[str, Array]:
@@ -251,3 +256,5 @@ def _check_point(at: Sensitivities) -> None:
     states = (len(shooting.record.starts), shooting.m)
     if point.initial_states.shape != states or any(one.dtype != float for one in (point.p, point.initial_states)):
         raise ValueError(f"found initial states of {point.initial_states.shape}, the record has {states}")
+    if point.memory is not None and point.memory.shape != shooting.zero_memory.shape:
+        raise ValueError(f"found a memory of {point.memory.shape}, the model has {shooting.zero_memory.shape}")
