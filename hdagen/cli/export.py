@@ -76,6 +76,7 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.arm.build_loader import PlantError
     from hdagen.model_export.corrected_robot import load_corrected_robot, read_joint_names
     from hdagen.model_export.export_formats import check_destination, find_format, write_export
+    from hdagen.model_export.model_text import ModelText
 
     check_destination(options.format, options.out, options.force)
     own: dict[str, Any] = {name: getattr(options, name) for name in FORMAT_OPTIONS}
@@ -83,6 +84,8 @@ def run(options: argparse.Namespace) -> int:
         raise PlantError("--closed-loop and --columns belong to --prove LOG; name the log, or leave them out.")
     if options.prove is not None:
         own["prove"] = _read_proof(options) if "prove" in find_format(options.format).options else options.prove
+    if options.into is not None and "into" in find_format(options.format).options:
+        ModelText(options.into)  # its faults are told before anything is built
     names = read_joint_names(options.joints)
     robot = load_corrected_robot(options.robot, options.with_, options.profile, names)
     written = write_export(options.format, robot, options.out, **own)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.measured_log import Log
 from hdagen.log.timestamps import compute_timing_noise
 from hdagen.prediction.measurement_model import compute_encoder_noise
+from hdagen.prediction.prediction_settings import PREDICTION
 
 
 def compute_channel_noise(arm: Arm, log: Log, name: str, rows: NDArray[np.bool_] | slice = slice(None)) -> float:
@@ -32,9 +34,32 @@ def compute_channel_noise(arm: Arm, log: Log, name: str, rows: NDArray[np.bool_]
     """
     known = _get_stated_noise(arm, name)
     if not known:
-        return compute_channel_statistics(name, log[name][rows]).noise
+        return measure_shown_noise(log, name, rows)
     instants = compute_channel_timing_noise(arm, log, name)[rows]
     return math.hypot(known, float(np.sqrt(np.mean(instants**2))))
+
+
+def measure_shown_noise(log: Log, name: str, rows: NDArray[np.bool_] | slice = slice(None)) -> float:
+    """Measure the noise that a channel shows.
+
+    Args:
+        log: The log.
+        name: The channel.
+        rows: The rows that count, a mask (T) or a slice.
+
+    Returns:
+        Standard deviation, in the channel's unit. A joint that stands may show none: then it is the largest of the same
+        quantity of another joint, or at least the rounding of single precision. So it is above 0.
+
+    """
+    own = compute_channel_statistics(name, log[name][rows]).noise
+    if own:
+        return own
+    quantity = name.rpartition("_")[0]
+    others = [other for other in log.columns if other != name and re.fullmatch(rf"{re.escape(quantity)}_\d+", other)]
+    like = max((compute_channel_statistics(other, log[other][rows]).noise for other in others), default=0.0)
+    rounding = float(np.finfo(np.float32).eps * np.abs(log[name][rows]).max(initial=0.0))
+    return max(like, rounding, PREDICTION.least_noise)
 
 
 def compute_channel_timing_noise(arm: Arm, log: Log, name: str) -> Array:

@@ -25,9 +25,9 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.input_stage import InputStage
-from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
+from hdagen.prediction.channel_noise import measure_shown_noise
 from hdagen.prediction.driving_inputs import compute_effective_inputs, read_driving_inputs
 from hdagen.prediction.kalman_filter import estimate_states
 from hdagen.prediction.measurement_model import Readings, count_mechanical_states
@@ -315,7 +315,7 @@ def _add_command_columns(result: Replay, arm: Arm, log: Log, inputs: Array) -> R
         columns[name] = inputs[:, j - 1].copy()
         if name in log:
             errors[name] = float(np.sqrt(np.mean((columns[name] - log[name]) ** 2)))
-            noise[name] = compute_channel_statistics(name, log[name]).noise
+            noise[name] = measure_shown_noise(log, name)
             size = float(np.sqrt(np.mean(log[name] ** 2)))
             if size:
                 relative[name] = errors[name] / size

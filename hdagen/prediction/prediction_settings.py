@@ -19,6 +19,9 @@ class PredictionSettings:
     least_error_multiple: float = declare_setting(
         1e-3, "multiples of the noise", "an error counts as this at least: keeps the geometric mean finite"
     )
+    least_noise: float = declare_setting(
+        1e-9, "rad, m, A or N m", "noise of a channel that shows none, and no other one like it either"
+    )
     first_rows_time: float = declare_setting(0.01, "s", "rows that show whether a log begins in motion")
     least_motion_factor: float = declare_setting(
         4.0, "times noise and curvature", "the first speed moves a joint by then at least"

@@ -155,7 +155,7 @@ def test_a_model_with_other_numbers_is_refused(export: Export) -> None:
     [
         (('name="hip" class', 'name="hüfte" class'), "MuJoCo cannot load it"),
         (("<mujoco ", "<!DOCTYPE mujoco><mujoco "), "document type"),
-        (("</worldbody>", ""), "MuJoCo cannot load it"),
+        (("</worldbody>", ""), "cannot be read as XML"),
         (('<motor name="hip_motor"', '<position kp="9" name="hip_motor"'), "servo"),
     ],
 )
@@ -224,6 +224,14 @@ def test_options_that_do_not_fit_are_refused(export: Export, arguments: tuple[st
     out = "new.json" if arguments[0] == "json" else "new.xml"
     code, said = export(*arguments, "--out", out)
     assert code in (2, 3) and expected in said and not Path(out).exists()
+
+
+def test_a_model_that_is_not_there_is_told_before_anything_is_built(
+    export: Export, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hdagen.model_export.corrected_robot.load_corrected_robot", None)
+    said = refuse(export, "mjcf", "leg.toml", *WITH, "--into", "nowhere.xml")
+    assert "nowhere.xml" in said and "there is no such file" in said
 
 
 def test_a_place_that_is_taken_or_read_only_is_refused(export: Export, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,10 +22,9 @@ from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 from hdagen.data_quality.log_repair import split_at_long_gaps
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion, Mask
-from hdagen.log.channel_statistics import compute_channel_statistics
 from hdagen.log.column_map import name_command_channel
 from hdagen.log.measured_log import Log
-from hdagen.prediction.channel_noise import compute_channel_noise, compute_channel_timing_noise
+from hdagen.prediction.channel_noise import compute_channel_noise, compute_channel_timing_noise, measure_shown_noise
 from hdagen.prediction.driving_inputs import find_driving_channel, is_command_channel, read_driving_inputs
 from hdagen.prediction.input_interpolation import judge_interpolation
 from hdagen.prediction.measurement_model import Readings, Rows, complete_state, count_mechanical_states
@@ -218,7 +217,7 @@ def _measure_noise(arm: Arm, seen: LogPortion, name: str, driven: bool) -> float
         return compute_channel_noise(arm, seen.log, name, seen.rows)
     if driven:
         return _measure_following_noise(seen.log, name, seen.rows)
-    return compute_channel_statistics(name, seen.log[name][seen.rows]).noise
+    return measure_shown_noise(seen.log, name, seen.rows)
 
 
 def _input_noise(arm: Arm, log: Log) -> Array:
@@ -248,7 +247,7 @@ def _measure_following_noise(log: Log, name: str, shown: Mask) -> float:
     coefficients, _, rank, _ = np.linalg.lstsq(A, log[name][shown], rcond=None)
     left = log[name][shown] - A @ coefficients
     spread = float(np.sqrt(left @ left / max(len(left) - rank, 1)))
-    return max(spread, compute_channel_statistics(name, log[name][shown]).noise)
+    return max(spread, measure_shown_noise(log, name, shown))
 
 
 def measure_usual_torque(arm: Arm, record: WindowedRecord) -> Array:

@@ -59,7 +59,8 @@ def rank_nuisance_effects(
         """The entry of one candidate, replayed as large as the fit has it, beside the verdict."""
         effect, (arm, _) = candidates.members[atom], verdict.apply_verdict(best.sensitivities.shooting.arm, said)
         parameters = estimate_parameters(best, atom)
-        arm.parameters.update({name: one["value"] for name, one in parameters.items()})
+        for name, one in parameters.items():  # of the linear model, which knows no bounds
+            arm.parameters[name] = min(max(one["value"], described[name].low), described[name].high)
         return {
             "effect": effect.effect,
             "joint": effect.joint,

@@ -173,7 +173,7 @@ def format_values(values: Sequence[float], unit: str, digits: int = REPORT.value
 
 
 def format_change(before: float, after: float, unit: str, between: str = " → ") -> str:
-    """Format two values of one quantity: with one prefix of their unit where both are readable so, else each its own.
+    """Format two values of one quantity with one prefix of their unit: of two far apart, the one between theirs.
 
     Args:
         before: The first value.
@@ -187,8 +187,9 @@ def format_change(before: float, after: float, unit: str, between: str = " → "
     """
     sizes = sorted((abs(before), abs(after)))
     if 0 < sizes[0] * REPORT.largest_shared_ratio < sizes[1]:
-        each = [format_values([value], unit) for value in (before, after)]
-        return between.join(f"{texts[0]} {written}".rstrip() for texts, written in each)
+        scaled = _scale_unit(unit, math.sqrt(sizes[0] * sizes[1]))
+        texts = [format_number(value * scaled.factor, REPORT.value_digits) for value in (before, after)]
+        return f"{texts[0]}{between}{texts[1]} {scaled.unit}".rstrip()
     (first, second), written = format_values([before, after], unit)
     return f"{first}{between}{second} {written}".rstrip()
 

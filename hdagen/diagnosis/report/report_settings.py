@@ -45,7 +45,7 @@ class ReportSettings:
     most_named_sizes: int = declare_setting(2, "sizes", "sizes of one effect in a sentence")
     most_sized_effects: int = declare_setting(2, "effects", "effects that are named with their numbers")
     largest_shared_ratio: float = declare_setting(
-        1000.0, "ratio of two values", "beyond it each of two values has a prefix of its own"
+        1000.0, "ratio of two values", "beyond it two values share the prefix between theirs"
     )
     value_digits: int = declare_setting(3, "digits", "significant digits of a value without a standard deviation")
     most_digits: int = declare_setting(5, "digits", "significant digits of any value")

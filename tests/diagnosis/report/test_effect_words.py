@@ -62,7 +62,8 @@ def test_joints_are_known_by_name() -> None:
 
 def test_both_values_of_a_change_are_readable() -> None:
     assert format_change(4.52e-3, 7.15e-5, "rad") == "4.52 → 0.0715 mrad"
-    assert format_change(1.36, 1.21e-3, "rad", " to ") == "1.36 rad to 1.21 mrad"
+    assert format_change(1.36, 1.21e-3, "rad", " to ") == "1360 to 1.21 mrad"
+    assert format_change(0.43, 1.65e-4, "rad") == "430 → 0.165 mrad"
     assert format_change(0.0, 0.0, "m") == "0 → 0 m"
     assert format_change(2.0, 3.0, "1") == "2 → 3"
 
