@@ -417,6 +417,7 @@ NO_SETTINGS = {  # module-level numbers of the diagnosis and of predictions that
     "CALIBRATION_SCHEMA": "number of a format",
     "GAP_DIGITS": "number of a format",
     "LARGEST_FILE_BYTES": "limit of a file",
+    "LARGEST_SEARCHES_BYTES": "limit of a file",
     "_MOST_CONTROLLER_BYTES": "limit of a file",
     "_MOST_FILTER_SAMPLES": "limit of a file's value",
     "WORKSPACE_BYTES": "limit of memory",

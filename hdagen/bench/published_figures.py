@@ -18,7 +18,7 @@ from typing import Any
 
 from hdagen.bench import measured_tables, real_machine_tables, settings_tables
 from hdagen.bench.measured_tables import SourceContents
-from hdagen.blind import rates
+from hdagen.blind import ablation_table, rates
 from hdagen.diagnosis.settings import STAGE_SETTINGS
 from hdagen.paper import document_tables
 from hdagen.support.atomic_write import write_atomically
@@ -30,6 +30,7 @@ SOURCES = {
     "demo": ("docs/demo.json", "hdagen demo --json"),
     "paper": ("docs/paper.json", "hdagen paper all"),
     "blind": ("docs/blind.json", "hdagen blind"),
+    "ablation": ("docs/ablation.json", "python -m hdagen.blind.ablation --out"),
     "real": ("docs/real.json", "docs/examples/real_machines.py"),
     "identification": (
         "docs/examples/emps/identification.json",
@@ -109,6 +110,7 @@ DOCUMENT_TABLES: dict[str, Callable[[SourceContents], str]] = {
     "predictive": measured_tables.build_mpc_tables,
     "sense": measured_tables.build_sensing_table,
     "blind": lambda found: rates.render_table(found["blind"]),
+    "ablation": lambda found: ablation_table.render_ablation(found["ablation"]),
     "headline": lambda found: rates.render_headline_table(found["blind"]),
     **real_machine_tables.MACHINE_TABLES,
     **{f"settings {stage}": partial(_build_settings_table, stage) for stage in STAGE_SETTINGS},

@@ -25,20 +25,22 @@ _SMALLEST_ERROR = 1e-3  # multiple of the noise; a smaller error counts as this,
 _ROBOT_FILE, _LOG, _HOLD_OUT, _DIAGNOSIS = "robot.toml", "log.parquet", "hold_out.parquet", "diagnosis.json"
 
 
-def make_diagnosis_task(folder: Path, name: str, program: Sequence[str]) -> Task:
+def make_diagnosis_task(folder: Path, name: str, program: Sequence[str], keep_searches: bool = False) -> Task:
     """Make the task that diagnoses a case.
 
     Args:
         folder: of the case, with its robot file and log.
         name: of the task.
         program: command that runs as ``hdagen``; none: the worker's own.
+        keep_searches: whether it leaves its searches, too.
 
     Returns:
         The task.
 
     """
     files = {name: TaskFile(folder / name, name) for name in (_ROBOT_FILE, _LOG)}
-    return Task(name, diagnose_case, {"program": list(program)}, files)
+    options = {"options": ["--keep-searches"]} if keep_searches else {}
+    return Task(name, diagnose_case, {"program": list(program), **options}, files)
 
 
 def make_gap_task(folder: Path, name: str, noise: Mapping[str, float], program: Sequence[str]) -> Task:
@@ -64,7 +66,7 @@ def diagnose_case(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str
 
     Args:
         folder: holds robot file and log, and takes what the command leaves.
-        parameters: the program.
+        parameters: the program, and further options of the command.
 
     Returns:
         Duration in seconds, and exit code.
@@ -76,7 +78,15 @@ def diagnose_case(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str
     """
     place = folder.inputs[_ROBOT_FILE].parent
     _build_models(folder, parameters)
-    command = [*_find_program(parameters), "diagnose", _ROBOT_FILE, _LOG, "--out", "out"]
+    command = [
+        *_find_program(parameters),
+        "diagnose",
+        _ROBOT_FILE,
+        _LOG,
+        "--out",
+        "out",
+        *parameters.get("options", ()),
+    ]
     try:
         ended = run_command(command, place, LONGEST_DIAGNOSIS)
     except ChildError as error:

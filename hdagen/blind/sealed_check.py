@@ -44,6 +44,7 @@ class Check:
     """The request for a check. ``kind``, ``family``, ``background`` and ``model`` state the population that its cases
     are drawn from (no family: the one that the kind usually belongs to). ``cluster``: where cases are diagnosed;
     ``seconds``: length of each log; ``out``: folder of the results; ``keep``: logs and pages of the cases stay there;
+    ``keep_searches``: logs and searches stay there, so that the cases can be decided again;
     ``program``: command that runs as ``hdagen`` (tests give another one; none: each worker's own)."""
 
     kind: str
@@ -57,6 +58,7 @@ class Check:
     family: str | None = None
     background: float | None = None
     model: str = ""
+    keep_searches: bool = False
 
     @property
     def population(self) -> Population:
@@ -142,7 +144,7 @@ def _diagnose_cases(
             if (folder / "result.json").exists():
                 continue
             write_atomically(folder / "robot.toml", case.robot.toml().encode())
-            task = make_diagnosis_task(folder, f"{case.name}/out", asked.program)
+            task = make_diagnosis_task(folder, f"{case.name}/out", asked.program, asked.keep_searches)
             kept = store.find_finished(task)
             if kept is None:
                 yield task
@@ -231,8 +233,10 @@ def _measure_true_gap(asked: Check, folder: Path, case: Case) -> dict[str, Any]:
 def _discard_logs(asked: Check, case: Case) -> None:
     """Remove logs and page of a case, where they are not kept."""
     folder = asked.out / "cases" / case.name
-    if not asked.keep:
-        for path in [*folder.glob("*.parquet"), *(folder / "out").glob("*.html")]:
+    if asked.keep:
+        return
+    for path in [*folder.glob("*.parquet"), *(folder / "out").glob("*.html")]:
+        if path.name != "log.parquet" or not asked.keep_searches:
             path.unlink()
 
 

@@ -84,6 +84,7 @@ def add_parser(commands: Any) -> None:
         "--out", type=Path, metavar="DIR", help="folder of the results (default: blind- and family, kind, background)"
     )
     p.add_argument("--keep", action="store_true", help="keep every case's logs and page")
+    p.add_argument("--keep-searches", action="store_true", help="keep logs and searches, to decide the cases again")
     p.add_argument("--calibrate", type=Path, metavar="FILE", help="also write the data that a calibration is fitted to")
     p.add_argument("--json", action="store_true", help="print blind.json, or where cases were written")
     add_cluster_options(p, "cases", "2")
@@ -156,6 +157,8 @@ def _find_conflicts(options: argparse.Namespace, population: Population) -> list
         problems.append(f"--seconds {options.seconds:g}: possible is {LEAST_SECONDS:g} to {MOST_SECONDS:g} s.")
     if options.write is not None and (options.out is not None or options.calibrate is not None or options.keep):
         problems.append("--write makes cases and checks nothing: leave out --out, --keep and --calibrate.")
+    if options.write is not None and options.keep_searches:
+        problems.append("--write makes cases and searches nothing: leave out --keep-searches.")
     if population.kind not in (possible := KINDS_OF_FAMILY[population.family]):
         problems.append(
             f"--family {population.family} has no kind {population.kind}; possible are {', '.join(possible)}."
@@ -218,6 +221,7 @@ def _run_check(options: argparse.Namespace, seed: str, cluster: ClusterRequest) 
         family=options.family,
         background=options.background,
         model=options.model or "",
+        keep_searches=options.keep_searches,
     )
     rows, closed = run_check(asked, _make_progress())
     found = make_report(asked, closed, rows)

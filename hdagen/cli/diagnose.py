@@ -75,6 +75,9 @@ def add_parser(commands: Any) -> None:
         metavar="SECONDS",
         help="state the best so far when the time is up: never sure, with a list of what was not tried",
     )
+    p.add_argument(
+        "--keep-searches", action="store_true", help="also write searches.npz, from which it can be decided again"
+    )
     p.add_argument("--fleet", type=Path, metavar="fleet.toml", help="many logs, a [[machine]] with robot and log each")
     add_failure_options(p)
     add_cluster_options(p, "machines of a fleet", "half the cores")
@@ -103,6 +106,8 @@ def _check_options(options: argparse.Namespace) -> None:
     from hdagen.arm.build_loader import PlantError
 
     problems = []
+    if options.keep_searches and (options.within is not None or options.fleet is not None):
+        problems.append("--keep-searches: goes with one whole diagnosis; leave out --within and --fleet.")
     if options.fleet is None:
         if options.robot is None or not options.logs:
             problems.append("give a robot file and a log, or --fleet fleet.toml.")
@@ -161,6 +166,8 @@ def _diagnose_machine(options: argparse.Namespace) -> int:
             found = diagnose(options.robot, logs, held, on_stage=progress, budget=budget)
             progress(Stage.REPORT)
             found.save(out, options.columns)
+            if options.keep_searches:
+                found.save_searches(out)
     said = write_verdict(found.content)
     if options.json:
         beside = {"sentence": said, "left_out": list(found.failures), "page": str(out / "report.html")}

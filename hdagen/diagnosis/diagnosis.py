@@ -11,6 +11,7 @@ from hdagen.diagnosis.report import report_page
 from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
 from hdagen.diagnosis.report.diagnosis_summary import DiagnosisSummary
 from hdagen.diagnosis.report.repeat_commands import DiagnosedFiles
+from hdagen.diagnosis.search.stored_searches import SEARCHES_FILE, write_searches
 from hdagen.support.atomic_write import write_atomically
 
 
@@ -58,3 +59,15 @@ class Diagnosis(DiagnosisSummary):
         write_atomically(out / "diagnosis.json", text.encode())
         files = DiagnosedFiles(self.robot, self.logs, self.holdout, folder, columns)
         report_page.write_report(self.result, out / "report.html", files)
+
+    def save_searches(self, folder: str | Path) -> None:
+        """Write the searches, from which the same logs can be decided again without any fit.
+
+        Args:
+            folder: where the file is written; it exists.
+
+        Raises:
+            OSError: the folder cannot be written into.
+
+        """
+        write_searches(self.result.searches, Path(folder) / SEARCHES_FILE)

@@ -48,7 +48,8 @@ def describe_diagnosis(
         The whole content.
 
     """
-    statement, alternatives = checked.settled.statement, explained.alternatives
+    statement, final = checked.settled.statement, explained.final
+    alternatives = final.alternatives
     confirmed, decision = statement.confirmed, statement.decision
     if checked.contradiction:
         decision = replace(decision, verdict=())
@@ -58,8 +59,8 @@ def describe_diagnosis(
         where = [] if confirmed.is_withdrawn else described["where"]
     causes = [cause | {"gap_after": find_gap_after(cause, alternatives.ranking)} for cause in described["causes"]]
     return described | {
-        "verdict": list(explained.effects),
-        "sure": explained.is_sure,
+        "verdict": list(final.effects),
+        "sure": final.is_sure,
         "where": where,
         "causes": causes,
         "parameters": confirmed.base_parameters,
@@ -70,9 +71,9 @@ def describe_diagnosis(
         "contradicted": checked.contradiction,
         "nuisance_effects": alternatives.nuisance_effects,
         "ranking": alternatives.ranking,
-        "remains": explained.remainders,
-        "as_good_as_it_gets": explained.is_as_good_as_it_gets,
-        "moments": explained.moments,
+        "remains": final.remainders,
+        "as_good_as_it_gets": final.is_as_good_as_it_gets,
+        "moments": final.moments,
         "control": explained.control,
         "not_tried": list(explained.not_tried),
         "robot": _describe_robot(models),

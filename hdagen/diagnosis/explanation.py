@@ -50,8 +50,8 @@ class Alternatives:
 
 
 @dataclass(frozen=True, eq=False)
-class Explanation:
-    """The explanation of a verdict.
+class FinalVerdict:
+    """The verdict in the end, with what makes it unsure.
 
     Attributes:
         effects: the verdict in the end, effect@joint, with the remainders as `unknown@joint`.
@@ -60,11 +60,6 @@ class Explanation:
         remainders: `remains` of diagnosis.json: the share of each joint's error that is left.
         is_as_good_as_it_gets: whether no fit closes a notable share of the gap.
         moments: of diagnosis.json: events that happen once.
-        residual_torque: the held-out motion through the models before and after the verdict.
-        where: of diagnosis.json: where and when the gap lies; None where that could not be found.
-        control: of diagnosis.json: controllers before and after the verdict; None where no effect is named.
-        failures: a sentence for each stage that failed.
-        not_tried: of diagnosis.json: parts that were left out because the time was up.
 
     """
 
@@ -74,6 +69,23 @@ class Explanation:
     remainders: Entries
     is_as_good_as_it_gets: bool
     moments: Entries
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The explanation of a verdict.
+
+    Attributes:
+        final: the verdict in the end.
+        residual_torque: the held-out motion through the models before and after the verdict.
+        where: of diagnosis.json: where and when the gap lies; None where that could not be found.
+        control: of diagnosis.json: controllers before and after the verdict; None where no effect is named.
+        failures: a sentence for each stage that failed.
+        not_tried: of diagnosis.json: parts that were left out because the time was up.
+
+    """
+
+    final: FinalVerdict
     residual_torque: ResidualTorque
     where: Entries | None
     control: Mapping[str, Any] | None
@@ -103,29 +115,42 @@ def explain_verdict(
     attempts, statement, motion = Attempts(budget), checked.settled.statement, checked.motion
     confirmed, log = statement.confirmed, motion.portion.log
     on_stage(Stage.ALTERNATIVES)
-    alternatives = rank_alternatives(checked, attempts)
-    remainders = measure_remainders(alternatives.gap["by_channel"])
-    named = any(not name.startswith("unknown@") for name in confirmed.effects)
-    good = not named and is_as_good_as_it_gets(alternatives.gap)
-    effects = () if good else tuple(name_remainders(confirmed.effects, remainders))
-    moments = _find_moments(checked, data.judged_logs)
+    final = conclude_diagnosis(data, checked, attempts)
     on_stage(Stage.LOCATION)
-    stated_verdict = replace(statement.stated, names=effects).build_verdict(confirmed.base_parameters)
+    stated_verdict = replace(statement.stated, names=final.effects).build_verdict(confirmed.base_parameters)
     sight = see_residual_torque(confirmed.arm, stated_verdict, log, motion.before, confirmed.after)
-    where = attempts.attempt("where and when", partial(localize_gap, sight, effects, motion.portion.rows), None)
+    where = attempts.attempt("where and when", partial(localize_gap, sight, final.effects, motion.portion.rows), None)
     return Explanation(
-        effects=effects,
-        is_sure=alternatives.is_sure and bool(effects or not moments) and not budget.not_tried,
-        alternatives=alternatives,
-        remainders=remainders,
-        is_as_good_as_it_gets=good,
-        moments=moments,
+        final=final,
         residual_torque=sight,
         where=where,
         control=_compare_control(models.nominal, confirmed.arm, stated_verdict, log),
         failures=tuple(attempts.failures),
         not_tried=budget.describe_untried(),
     )
+
+
+def conclude_diagnosis(data: PreparedData, checked: CheckedVerdict, attempts: Attempts) -> FinalVerdict:
+    """Conclude the verdict from its check on held-out motion: with remainders, and unsure where alternatives say so.
+
+    Args:
+        data: of the diagnosis.
+        checked: the verdict after its check on held-out motion.
+        attempts: runs the rankings; one that fails is left out.
+
+    Returns:
+        The verdict in the end.
+
+    """
+    confirmed = checked.settled.statement.confirmed
+    alternatives = rank_alternatives(checked, attempts)
+    remainders = measure_remainders(alternatives.gap["by_channel"])
+    named = any(not name.startswith("unknown@") for name in confirmed.effects)
+    good = not named and is_as_good_as_it_gets(alternatives.gap)
+    effects = () if good else tuple(name_remainders(confirmed.effects, remainders))
+    moments = _find_moments(checked, data.judged_logs)
+    is_sure = alternatives.is_sure and bool(effects or not moments) and not attempts.budget.not_tried
+    return FinalVerdict(effects, is_sure, alternatives, remainders, good, moments)
 
 
 def rank_alternatives(checked: CheckedVerdict, attempts: Attempts) -> Alternatives:

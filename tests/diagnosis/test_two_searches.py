@@ -8,14 +8,14 @@ from typing import Any, cast
 
 import pytest
 
-from hdagen.diagnosis.pipeline import _judge_with_numbers, _JudgedSearch
+from hdagen.diagnosis.judged_search import JudgedSearch, judge_with_numbers
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.log.data_table import LogError
 
 SEARCH = cast(SearchResult, None)
 
 
-def judged(after: float, *verdict: str, contradiction: str | None = None, end: str | None = None) -> _JudgedSearch:
+def judged(after: float, *verdict: str, contradiction: str | None = None, end: str | None = None) -> JudgedSearch:
     """A search whose verdict leaves ``after`` times the noise on the motion that decides; ``end``: of the range of its
     effects, where they stand at one."""
     gap = {"after": after, "by_channel": {"motor_position_1": {"after": after}}}
@@ -26,34 +26,34 @@ def judged(after: float, *verdict: str, contradiction: str | None = None, end: s
     checked: Any = SimpleNamespace(
         contradiction=contradiction, settled=SimpleNamespace(deciding_gap=gap, statement=statement)
     )
-    return _JudgedSearch(SEARCH, checked, (), frozenset({"motor_inertia@1", "mass@1", "inertia@1"}))
+    return JudgedSearch(SEARCH, checked, (), frozenset({"motor_inertia@1", "mass@1", "inertia@1"}))
 
 
 class Numbers:
     """The second search; ``asked`` has the first verdict of every call."""
 
-    def __init__(self, found: _JudgedSearch | None) -> None:
+    def __init__(self, found: JudgedSearch | None) -> None:
         self.found = found
         self.asked: list[Sequence[str] | None] = []
 
-    def __call__(self, verdict: Sequence[str] | None) -> _JudgedSearch | None:
+    def __call__(self, verdict: Sequence[str] | None) -> JudgedSearch | None:
         self.asked.append(verdict)
         return self.found
 
 
-def refuse(_: SearchResult) -> _JudgedSearch:
+def refuse(_: SearchResult) -> JudgedSearch:
     raise LogError(["this log seems to be of another robot."])
 
 
 def test_a_first_search_that_leaves_little_stands_alone() -> None:
     first, numbers = judged(5.0, "viscous_friction@1"), Numbers(judged(1.0))
-    assert _judge_with_numbers(lambda _: first, SEARCH, numbers) is first
+    assert judge_with_numbers(lambda _: first, SEARCH, numbers) is first
     assert numbers.asked == []
 
 
 def test_logs_that_contradict_each_other_are_no_reason_to_doubt_the_file() -> None:
     first, numbers = judged(90.0, contradiction="the logs differ."), Numbers(judged(1.0))
-    assert _judge_with_numbers(lambda _: first, SEARCH, numbers) is first
+    assert judge_with_numbers(lambda _: first, SEARCH, numbers) is first
     assert numbers.asked == []
 
 
@@ -70,32 +70,32 @@ def test_logs_that_contradict_each_other_are_no_reason_to_doubt_the_file() -> No
 def test_what_leaves_clearly_less_stands(first: Any, second: Any, stands: str) -> None:
     both = {"first": judged(*first), "second": judged(*second)}
     numbers = Numbers(both["second"])
-    assert _judge_with_numbers(lambda _: both["first"], SEARCH, numbers) is both[stands]
+    assert judge_with_numbers(lambda _: both["first"], SEARCH, numbers) is both[stands]
     assert numbers.asked == [tuple(first[1:])]
 
 
 def test_a_number_at_an_end_of_its_range_corrects_nothing() -> None:
     first = judged(90.0, "viscous_friction@1")
-    assert _judge_with_numbers(lambda _: first, SEARCH, Numbers(judged(3.0, "motor_inertia@1", end="high"))) is first
+    assert judge_with_numbers(lambda _: first, SEARCH, Numbers(judged(3.0, "motor_inertia@1", end="high"))) is first
 
 
 def test_a_second_search_without_a_number_of_the_file_corrects_nothing() -> None:
     first = judged(90.0, "viscous_friction@1")
-    assert _judge_with_numbers(lambda _: first, SEARCH, Numbers(judged(3.0, "encoder_eccentricity@1"))) is first
+    assert judge_with_numbers(lambda _: first, SEARCH, Numbers(judged(3.0, "encoder_eccentricity@1"))) is first
 
 
 def test_a_second_search_that_fails_leaves_the_first() -> None:
     first = judged(90.0, "unknown@1")
-    assert _judge_with_numbers(lambda _: first, SEARCH, Numbers(None)) is first
+    assert judge_with_numbers(lambda _: first, SEARCH, Numbers(None)) is first
 
 
 def test_a_file_that_seems_another_machines_is_searched_for_wrong_numbers() -> None:
     numbers = Numbers(judged(2.0, "motor_inertia@1"))
-    assert _judge_with_numbers(refuse, SEARCH, numbers) is numbers.found
+    assert judge_with_numbers(refuse, SEARCH, numbers) is numbers.found
     assert numbers.asked == [None]
 
 
 @pytest.mark.parametrize("second", [None, judged(40.0, "motor_inertia@1")])
-def test_it_is_refused_where_wrong_numbers_leave_much_too(second: _JudgedSearch | None) -> None:
+def test_it_is_refused_where_wrong_numbers_leave_much_too(second: JudgedSearch | None) -> None:
     with pytest.raises(LogError, match="another robot"):
-        _judge_with_numbers(refuse, SEARCH, Numbers(second))
+        judge_with_numbers(refuse, SEARCH, Numbers(second))

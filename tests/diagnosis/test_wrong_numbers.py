@@ -10,8 +10,8 @@ import pytest
 import wrist
 
 from hdagen import adopt, diagnose
-from hdagen.diagnosis import pipeline
 from hdagen.diagnosis.diagnosis import Diagnosis
+from hdagen.diagnosis.judged_search import JudgedSearch
 from hdagen.diagnosis.report.effect_words import say_effect
 
 ROBOT = wrist.ROBOT.replace("step = 1e-3", "step = 1e-3\ntolerance = 0.1")
@@ -41,7 +41,7 @@ def test_a_wrong_number_comes_back_and_a_right_one_stays(
     """In the second search, as if the first had left many times the noise."""
     robot = tmp_path / "robot.toml"
     robot.write_text(ROBOT.replace("inertia = 0.03", stated))
-    monkeypatch.setattr(pipeline._JudgedSearch, "is_file_in_doubt", True)
+    monkeypatch.setattr(JudgedSearch, "is_file_in_doubt", True)
     found = diagnose(robot, [wrist.move_wrist(robot, truth, 6.0)])
     factors = find_factors(found)
     assert sorted(factors) == sorted(found.verdict)
@@ -54,7 +54,7 @@ def test_a_rotor_that_the_file_lacks_is_found_and_adopted(tmp_path: Path, monkey
     """As of a URDF; an inertia of the link would have to be ten times the file's to do the same."""
     robot = tmp_path / "robot.toml"
     robot.write_text(ROBOT.replace("inertia = 0.03", "inertia = 0.004"))
-    monkeypatch.setattr(pipeline._JudgedSearch, "is_file_in_doubt", True)
+    monkeypatch.setattr(JudgedSearch, "is_file_in_doubt", True)
     found = diagnose(robot, [wrist.move_wrist(robot, {}, 6.0, rotor=0.035)])
     assert found.verdict == ("motor_inertia@1",) and "factor" not in found.content["causes"][0]["parameters"]
     said = found.content["causes"][0]["parameters"]["motor_inertia"]

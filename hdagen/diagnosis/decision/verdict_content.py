@@ -39,9 +39,6 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
 
     """
     best = decision.best
-    members = {atom.name: atom for fit in found.fits for atom in fit.sensitivities.candidates.members}
-    named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown@"))
-    likely = {name: decision.marginal_probability(name) for name in named}
     whole = best
     if not best.has_columns:
         whole = first_with_columns(found.fits)
@@ -49,16 +46,41 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
     unseen: Sequence[str] | None = decision.undetectable
     if unseen is None:
         unseen = told.find_undetectable()
+    choice, members = describe_choice(found, decision, told), _list_members(found)
     return {
         "schema": SCHEMA,
-        "verdict": list(decision.verdict),
-        "sure": decision.is_sure,
+        "verdict": choice["verdict"],
+        "sure": choice["sure"],
         "where": [_locate_entry(entry, members) for entry in decision.verdict],
-        "causes": _describe_causes(decision, likely, told, members),
-        "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
+        "causes": choice["causes"],
+        "hypotheses": choice["hypotheses"],
         "parameters": estimate_base_parameters(best),
         "undetectable": [name for name in unseen if name not in decision.verdict],
         "tried": sorted(members),
+        "method": choice["method"],
+    }
+
+
+def describe_choice(found: SearchResult, decision: Decision, told: Identifiability | None = None) -> dict[str, Any]:
+    """Describe what a decision chose, as diagnosis.json has it.
+
+    Args:
+        found: the search, with all fits.
+        decision: made from it.
+        told: what the motion can identify; without it, a cause is confounded with what may take its place alone.
+
+    Returns:
+        ``verdict``, ``sure``, ``causes``, ``hypotheses`` and ``method``.
+
+    """
+    best = decision.best
+    named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown@"))
+    likely = {name: decision.marginal_probability(name) for name in named}
+    return {
+        "verdict": list(decision.verdict),
+        "sure": decision.is_sure,
+        "causes": _describe_causes(decision, likely, told, _list_members(found)),
+        "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "method": {
             "calibrated": not decision.is_long_horizon,  # sealed checks have too few such cases
             "uncalibrated_probability": decision.uncalibrated_probability,
@@ -72,8 +94,13 @@ def describe_decision(found: SearchResult, decision: Decision) -> dict[str, Any]
     }
 
 
+def _list_members(found: SearchResult) -> dict[str, Candidate]:
+    """All candidates of a search's fits, by name."""
+    return {atom.name: atom for fit in found.fits for atom in fit.sensitivities.candidates.members}
+
+
 def _describe_causes(
-    decision: Decision, likely: Mapping[str, float], told: Identifiability, members: Mapping[str, Candidate]
+    decision: Decision, likely: Mapping[str, float], told: Identifiability | None, members: Mapping[str, Candidate]
 ) -> list[dict[str, Any]]:
     """All candidates that were tried, the most probable first."""
     arm = decision.best.sensitivities.shooting.arm
@@ -84,7 +111,7 @@ def _describe_causes(
             for o in likely
             if _compute_alternative_probability(decision, name, o) > DECISION.least_mentioned_probability
         ]
-        if name in decision.verdict and name in told.columns and not decision.is_long_horizon:
+        if told and name in decision.verdict and name in told.columns and not decision.is_long_horizon:
             others += told.find_confusable(name)
         same = {*decision.verdict, *decision.combinations.get(name, ())}
         others = [o for o in dict.fromkeys(others) if o not in same]

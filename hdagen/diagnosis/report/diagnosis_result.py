@@ -9,6 +9,7 @@ from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.residuals.residual_torque import ResidualTorque
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
+from hdagen.diagnosis.search.stored_searches import Searches
 from hdagen.prediction.window_replay import Replay
 
 
@@ -18,6 +19,7 @@ class DiagnosisResult:
 
     Attributes:
         search: every fitted set of effects, and the screening.
+        searches: all searches, of which ``search`` is the one that stands.
         decision: the decision that the verdict stands on.
         content: of diagnosis.json.
         holdout: the held-out motion on which the gap is measured.
@@ -28,6 +30,7 @@ class DiagnosisResult:
     """
 
     search: SearchResult
+    searches: Searches
     decision: Decision
     content: dict[str, Any]
     holdout: HoldoutMotion

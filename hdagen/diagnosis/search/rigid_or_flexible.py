@@ -28,6 +28,7 @@ from hdagen.diagnosis.search.fit_ranking import drop_columns, leaves_much, sort_
 from hdagen.diagnosis.search.hypothesis_search import SearchResult, run_races
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.stages.stage import Stage, StageListener
+from hdagen.diagnosis.stages.time_budget import TimeBudget
 
 LOGGER = logging.getLogger(__name__)
 
@@ -58,15 +59,12 @@ def compare_with_springs(
     budget = found.fits[0].sensitivities.shooting.budget
     if budget.is_left_out("springs in joints that the robot file calls rigid"):
         return found
-    flexible = load(robot, "native", ("all", *arm.effects.series_springs))
+    flexible = load_with_springs(robot, arm)
     _log_rigid_joints(flexible)
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
         return found
-    _narrow_spring_bounds(flexible)
     on_stage(Stage.SPRINGS)
-    shooting = MultipleShooting(
-        flexible, cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window), SEARCH.spring_step, budget
-    )
+    shooting = make_spring_simulator(flexible, seen, window, budget)
     candidates = build_candidates(
         flexible,
         guess_from_log(flexible, shooting.record),
@@ -80,6 +78,43 @@ def compare_with_springs(
         least = lead.evidence_here
     fits = run_races(at, candidates, field, on_stage, least)
     return replace(found, fits=tuple(drop_columns(sort_by_evidence([*found.fits, *fits]))))
+
+
+def load_with_springs(robot: str | Path, arm: Arm) -> Arm:
+    """Load the model with springs in the joints that the robot file calls rigid.
+
+    Args:
+        robot: a preset or a robot.toml.
+        arm: its model without these springs.
+
+    Returns:
+        The model with springs, with no more joints that bend than the other where no joint can carry one.
+
+    Raises:
+        PlantError: the model cannot be loaded.
+
+    """
+    return load(robot, "native", ("all", *arm.effects.series_springs))
+
+
+def make_spring_simulator(
+    flexible: Arm, seen: WindowedRecord, window: float, budget: TimeBudget | None = None
+) -> MultipleShooting:
+    """Make the simulator of a record on a model with springs, whose bounds are narrowed to stable ones.
+
+    Args:
+        flexible: the model with springs.
+        seen: the record.
+        window: length of a window, s.
+        budget: the time of the diagnosis; none: no limit.
+
+    Returns:
+        The simulator.
+
+    """
+    _narrow_spring_bounds(flexible)
+    record = cut_windows(flexible, LogPortion(seen.log, seen.visible_rows), window)
+    return MultipleShooting(flexible, record, SEARCH.spring_step, budget or TimeBudget())
 
 
 def _start_spring_fits(

@@ -1,0 +1,157 @@
+"""A search whose decision is checked on held-out motion, and the choice between two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from hdagen.diagnosis.checked_verdict import CheckedVerdict, check_on_holdout
+from hdagen.diagnosis.data.data_settings import DATA
+from hdagen.diagnosis.data.models import Models
+from hdagen.diagnosis.data.prepared_data import PreparedData
+from hdagen.diagnosis.decision.direct_evidence import DirectEvidence
+from hdagen.diagnosis.decision.posterior import score_hypotheses
+from hdagen.diagnosis.holdout.long_window_prediction import predict_long_windows
+from hdagen.diagnosis.holdout.small_effects import is_gap_alike
+from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
+from hdagen.diagnosis.holdout.verdict_withdrawal import is_at_bound
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
+from hdagen.diagnosis.stages.stage import Stage, StageListener
+from hdagen.diagnosis.stages.time_budget import TimeBudget
+from hdagen.log.data_table import LogError
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedSearch:
+    """A search with its check on held-out motion.
+
+    Attributes:
+        search: the result of the search.
+        checked: its verdict after the check.
+        failures: a sentence for each stage that failed.
+        numbers: the candidates that are numbers of the robot file, name@joint.
+
+    """
+
+    search: SearchResult
+    checked: CheckedVerdict
+    failures: tuple[str, ...]
+    numbers: frozenset[str]
+
+    @property
+    def is_file_in_doubt(self) -> bool:
+        """Whether many times the noise is left although the file is taken as right, by no contradiction of the logs."""
+        return self.checked.contradiction is None and self.leaves_much
+
+    @property
+    def leaves_much(self) -> bool:
+        """Whether its verdict leaves many times the noise of the motion that decides."""
+        return bool(self.checked.settled.deciding_gap["after"] > DATA.significant_noise_multiple)
+
+    def corrects(self, other: JudgedSearch) -> bool:
+        """Tell whether its verdict corrects that of another search.
+
+        Args:
+            other: the other search.
+
+        Returns:
+            Whether the verdict has wrong numbers of the file, none at an end of its range, and clearly leaves less of
+            the motion that decides than the other verdict, or about as little with fewer effects.
+
+        """
+        if self.numbers.isdisjoint(self.verdict) or is_at_bound(
+            self.verdict, self.checked.settled.statement.stated.causes
+        ):
+            return False
+        gap, theirs = self.checked.settled.deciding_gap, other.checked.settled.deciding_gap
+        if not is_gap_alike(gap, theirs):
+            return bool(gap["after"] < theirs["after"])
+        return is_gap_alike(theirs, gap) and 0 < len(self.verdict) < len(other.verdict)
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """The effects that stand."""
+        return self.checked.settled.statement.confirmed.effects
+
+
+@dataclass(frozen=True, eq=False)
+class SearchJudge:
+    """Judges searches by what no fit saw.
+
+    Attributes:
+        models: of the robot.
+        data: of the diagnosis.
+        direct_evidence: effects with direct evidence.
+        unseen: the held-out motion without any effect.
+        budget: the time of the diagnosis.
+        on_stage: receives each stage as it begins.
+
+    """
+
+    models: Models
+    data: PreparedData
+    direct_evidence: Sequence[DirectEvidence]
+    unseen: HoldoutMotion
+    budget: TimeBudget
+    on_stage: StageListener
+
+    def judge_search(self, search: SearchResult) -> JudgedSearch:
+        """Decide by a search, and check the decision on held-out motion.
+
+        Args:
+            search: its result.
+
+        Returns:
+            The search with the verdict that the motion confirms.
+
+        Raises:
+            LogError: the log says that the robot file is another machine's.
+            PlantError: a model cannot be simulated.
+
+        """
+        self.on_stage(Stage.LONG_WINDOWS)
+        prediction = predict_long_windows(search, self.data, self.budget)
+        scores = score_hypotheses(search, prediction.log_odds)
+        checked = check_on_holdout(
+            self.models, self.data, search, scores, self.direct_evidence, self.unseen, self.budget, self.on_stage
+        )
+        keys = {number["name"] for number in self.models.full.manifest["numbers"]}
+        numbers = (one.name for one in search.candidates.members if one.is_number or one.traits.name in keys)
+        failures = (*search.failures, *prediction.failures, *checked.failures)
+        return JudgedSearch(search, checked, failures, frozenset(numbers))
+
+
+def judge_with_numbers(
+    judge: Callable[[SearchResult], JudgedSearch],
+    search: SearchResult,
+    search_numbers: Callable[[Sequence[str] | None], JudgedSearch | None],
+) -> JudgedSearch:
+    """Judge a search that takes the robot file as right, and one with its numbers among the causes where that leaves
+    much.
+
+    What clearly leaves less of unseen motion stands. Where the file seems to be another machine's, the second one
+    stands if it leaves about the noise.
+
+    Args:
+        judge: judges a search.
+        search: the first search.
+        search_numbers: the second search, judged, for the verdict of the first; None where there is none.
+
+    Returns:
+        The search that stands.
+
+    Raises:
+        LogError: the log says that the robot file is another machine's, whatever its numbers are.
+
+    """
+    try:
+        found = judge(search)
+    except LogError:
+        again = search_numbers(None)
+        if again is None or again.leaves_much:
+            raise
+        return again
+    if not found.is_file_in_doubt:
+        return found
+    again = search_numbers(found.verdict)
+    return again if again and again.corrects(found) else found

@@ -1,0 +1,169 @@
+"""A diagnosis decided again from its stored searches: the same verdict to the bit, and no set of effects fitted again.
+
+Replays of models run again, and so does the search over long windows, which depends on the decision. A replay of the
+same model is kept, so that several decisions of one diagnosis share it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.models import load_models
+from hdagen.diagnosis.data.prepared_data import PreparedData, prepare_data
+from hdagen.diagnosis.decision.direct_evidence import find_direct_evidence
+from hdagen.diagnosis.decision.verdict_content import describe_choice
+from hdagen.diagnosis.explanation import conclude_diagnosis
+from hdagen.diagnosis.holdout.unseen_motion import measure_without_effects
+from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
+from hdagen.diagnosis.judged_search import JudgedSearch, SearchJudge, judge_with_numbers
+from hdagen.diagnosis.search.rigid_or_flexible import load_with_springs, make_spring_simulator
+from hdagen.diagnosis.search.stored_searches import RIGID, SPRINGS, Searches, needs_springs, read_searches
+from hdagen.diagnosis.stages.optional_stages import Attempts
+from hdagen.diagnosis.stages.stage import ignore_stage
+from hdagen.diagnosis.stages.time_budget import TimeBudget
+from hdagen.log.measured_log import Log
+from hdagen.prediction.window_replay import Replay
+
+
+@dataclass(frozen=True, eq=False)
+class RememberedData(PreparedData):
+    """Prepared logs that keep each replay.
+
+    Attributes:
+        replays: by portion, model and parameters.
+        lock: of the replays.
+
+    """
+
+    replays: dict[tuple[str, Path, bytes], Replay] = field(default_factory=dict)
+    lock: Lock = field(default_factory=Lock)
+
+    @classmethod
+    def remember(cls, data: PreparedData) -> RememberedData:
+        """Make prepared logs keep their replays.
+
+        Args:
+            data: the logs.
+
+        Returns:
+            The same logs.
+
+        """
+        return cls(**{one.name: getattr(data, one.name) for one in fields(PreparedData)})
+
+    def replay_fitted(self, arm: Arm) -> Replay:
+        """Replay the fitted logs on an arm, or return that replay if it was made before.
+
+        Args:
+            arm: the model.
+
+        Returns:
+            The replay.
+
+        Raises:
+            PlantError: the model cannot be simulated.
+
+        """
+        return self._recall("fitted", arm) or self._keep("fitted", arm, super().replay_fitted(arm))
+
+    def replay_held_out(self, arm: Arm) -> Replay:
+        """Replay the held-out logs on an arm, or return that replay if it was made before.
+
+        Args:
+            arm: the model.
+
+        Returns:
+            The replay.
+
+        Raises:
+            PlantError: the model cannot be simulated.
+
+        """
+        return self._recall("held out", arm) or self._keep("held out", arm, super().replay_held_out(arm))
+
+    def _recall(self, portion: str, arm: Arm) -> Replay | None:
+        with self.lock:
+            return self.replays.get((portion, arm.folder, arm.p.tobytes()))
+
+    def _keep(self, portion: str, arm: Arm, found: Replay) -> Replay:
+        with self.lock:
+            return self.replays.setdefault((portion, arm.folder, arm.p.tobytes()), found)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredDiagnosis:
+    """A diagnosis whose searches are done.
+
+    Attributes:
+        judge: judges them.
+        searches: all that was fitted.
+
+    """
+
+    judge: SearchJudge
+    searches: Searches
+
+    def decide_again(self) -> dict[str, Any]:
+        """Decide by the stored searches.
+
+        Returns:
+            The parts of diagnosis.json that say what was decided, and ``lacks_search``: whether the decision asked for
+            a second search that the diagnosis had not needed, and went on without it.
+
+        Raises:
+            LogError: the log says that the robot file is another machine's.
+            PlantError: a model cannot be simulated.
+
+        """
+        attempts, asked = Attempts(), []
+
+        def recall_numbers(verdict: Sequence[str] | None) -> JudgedSearch | None:
+            asked.append(verdict)
+            if (second := self.searches.second) is None:
+                return None
+            return attempts.attempt("the stored second search", lambda: self.judge.judge_search(second), None)
+
+        found = judge_with_numbers(self.judge.judge_search, self.searches.first, recall_numbers)
+        final = conclude_diagnosis(self.judge.data, found.checked, attempts)
+        decision = found.checked.settled.statement.decision
+        return {
+            **describe_choice(found.search, decision),
+            "verdict": list(final.effects),
+            "sure": final.is_sure,
+            "gap": final.alternatives.gap,
+            "lacks_search": bool(asked) and self.searches.second is None,
+        }
+
+
+def read_diagnosis(robot: str | Path, logs: Sequence[Log], searches: Path) -> StoredDiagnosis:
+    """Read a diagnosis whose searches are done.
+
+    Args:
+        robot: the preset or robot.toml that was diagnosed.
+        logs: the logs that were diagnosed, without a hold-out.
+        searches: the file that `hdagen diagnose --keep-searches` wrote.
+
+    Returns:
+        The diagnosis, ready to be decided.
+
+    Raises:
+        InputFileError: the file of searches cannot be used.
+        LogError: a log cannot carry a diagnosis.
+        PlantError: a model cannot be loaded or simulated.
+
+    """
+    models = load_models(robot)
+    data = RememberedData.remember(prepare_data(models, logs, ()))
+    simulators: Mapping[str, MultipleShooting] = {RIGID: MultipleShooting(models.full, data.record)}
+    if needs_springs(searches):
+        flexible = load_with_springs(robot, models.full)
+        simulators = {**simulators, SPRINGS: make_spring_simulator(flexible, data.record, data.window)}
+    found = read_searches(searches, models.full.effects, simulators)
+    unseen = measure_without_effects(models, data, found.null)
+    direct = find_direct_evidence(models.full, data.record)
+    return StoredDiagnosis(SearchJudge(models, data, direct, unseen, TimeBudget(), ignore_stage), found)
