@@ -107,6 +107,7 @@ ELSEWHERE = {  # what does not stay: folders that are temporary, and a build tha
     "hdagen/model_export/c_writer.py": ["write_text", "write_text"],
     "hdagen/model_export/fmu_writer.py": ["write_text"],
     "hdagen/model_export/mjcf_writer.py": ["write_bytes"],
+    "hdagen/mpc/benchmark/growth_in_space.py": ["write_text"],
     "hdagen/mpc/benchmark/scaling.py": ["write_text"],
     "hdagen/paper/prototype/virtual_prototype.py": ["write_bytes"],
 }

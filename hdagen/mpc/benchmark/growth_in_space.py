@@ -35,7 +35,7 @@ DISTANT_WALLS = (Wall((1.0, 0.0, 0.0), 90.0), Wall((0.0, 0.0, 1.0), 90.0))
 HELD_SHARE = 0.9  # of what the free run took, that the limits leave
 LEAST_LIMIT = 1e-3  # of any limit, in its unit
 NUMBERS = ("ratio", "motor_inertia", "torque_constant", "viscous_friction", "coulomb_friction", "max_current")
-SPRINGS = (
+SPRING_NUMBERS = (
     *("torsional_damping", "flexspline_stiffness", "flexspline_stiffening"),
     *("wave_generator_stiffness", "wave_generator_stiffening"),
 )
@@ -103,7 +103,7 @@ def format_first_joints(robot: Mapping[str, Any], joints: int) -> str:
     lines = [f'name = "first {joints} joints"', f"gravity = {_list_nominal(robot['gravity'])}"]
     lines.append(f"step = {robot['step']!r}")
     for joint in robot["joints"][:joints]:
-        drive, names = joint["drive"], NUMBERS if joint["drive"]["rigid"] else NUMBERS + SPRINGS
+        drive, names = joint["drive"], NUMBERS if joint["drive"]["rigid"] else NUMBERS + SPRING_NUMBERS
         lines += ["", "[[joint]]", f'type = "{joint["kind"]}"', f"mass = {joint['mass']['nominal']!r}"]
         lines += [f"{name} = {joint[name]}" for name in ("origin", "rotation", "axis")]
         lines += [f"{name} = {_list_nominal(joint[name])}" for name in ("center_of_mass", "inertia")]
