@@ -17,11 +17,11 @@ from hdagen.support.child_processes import start_child_process
 
 ROOT = Path(__file__).parents[2]
 SLOW = """#!/bin/sh
-case "$*" in *--version*) echo "slow 1.0"; exit 0;; esac
+case "$*" in *--version*) echo "slow 1.0"; exit 0;; *" -E "*) exec cc "$@";; esac
 sleep 600 &
 echo "$$ $!" >> {pids}
 wait
-"""  # a compiler whose own child does the work
+"""  # a compiler whose own child does the work; the standard headers are preprocessed first, and alone
 
 
 def lives(pid: int) -> bool:
