@@ -122,7 +122,7 @@ def name_kind(effect: str) -> str:
         The words.
 
     """
-    words = effect.removeprefix("missing_").split("_")
+    words = effect.removeprefix("missing_").replace("_dependent", "-dependent").split("_")
     return " ".join(word.capitalize() if word in NAMES_OF_PEOPLE else word for word in words)
 
 
