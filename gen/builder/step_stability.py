@@ -23,9 +23,9 @@ from gen.c_code.headers import MOST_STEP_PARTS, slide_velocities
 from gen.model.arm_model import Model
 from gen.model.right_hand_side import Graphs
 from gen.robot.schema import keys_of
+from gen.robot.smoothing_width import LARGEST_SMOOTH_FRICTION
 
 LARGEST_STABLE_MODE = 2.78  # h |λ| of modes
-LARGEST_SMOOTH_FRICTION = 1.0  # h |λ| of smooth friction
 LARGEST_ACCURATE_MODE = 0.5  # h |λ| of modes, worth a remark
 STABILITY_GRID_POINTS = 256  # configurations, about
 MOST_GRID_POINTS = 4**5  # of a whole grid

@@ -15,12 +15,12 @@ from gen.robot.consistency_checks import LEAST_ROTOR_INERTIA
 from gen.robot.description import Drive, Joint, Robot, StatedEffect, Value
 from gen.robot.gear_catalogue import LEAST_STIFFENING
 from gen.robot.mass_matrix import joint_mobility
+from gen.robot.smoothing_width import SMOOTHING_MARGIN
 
 LAW_TORSION = 0.1  # rad (or m) of torsion to which the law goes
 LARGEST_MODE_STEP = 2.0  # of the fastest oscillation and decay, a step: RK4 is stable to 2.78
 LARGEST_VISCOUS_STEP = 0.5  # of the decay that viscous friction makes
 SOFTNESS_PARAMETER, DAMPING_PARAMETER = EFFECT.parameters
-SMOOTHING_MARGIN = 2.0  # times the width of smooth friction that the step just carries
 
 
 def split_spring_effects(extra: tuple[str, ...], n: int) -> tuple[frozenset[int], tuple[str, ...]]:

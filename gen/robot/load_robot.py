@@ -32,6 +32,7 @@ from gen.robot.mass_matrix import find_singular_pose
 from gen.robot.model_parameters import ParameterValue, list_parameters
 from gen.robot.robot_text import parse_robot, read_robot
 from gen.robot.schema import LAW_SHARPNESS
+from gen.robot.smoothing_width import USUAL_WIDTH, widen_open_smoothing
 from gen.robot.table_reader import RobotFileReader
 from gen.robot.value_reader import show_value
 
@@ -118,6 +119,8 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
         found = f"found a mass matrix that is not positive definite at the joint positions [{where}]"
         scaled = f"scaled to a unit diagonal its smallest eigenvalue is {flaw[1]:.2g}, possible is above 0"
         raise RobotError([f"{label}, joint: {found} ({scaled}); give the links more mass or inertia."])
+    is_open = [values["drive"].get("friction_smoothing") is None for values in stated]
+    joints = widen_open_smoothing(joints, is_open, top["step"])
     name = top["name"]
     return Robot(
         name,
@@ -197,5 +200,5 @@ def _make_drive(stated: dict[str, Any], tolerance: float) -> Drive:
             law_torque = gear.momentary_peak_torque
         values["law_torque"] = Value(law_torque, 0.0)
     if values["friction_smoothing"] is None:
-        values["friction_smoothing"] = Value(0.01 * values["ratio"].nominal, 0.0)
+        values["friction_smoothing"] = Value(USUAL_WIDTH * values["ratio"].nominal, 0.0)
     return Drive(**values)

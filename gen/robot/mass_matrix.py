@@ -100,7 +100,20 @@ def joint_mobility(joints: tuple[Joint, ...]) -> np.ndarray:
         The largest diagonal of M⁻¹ (n), 1/(kg m²) or 1/kg.
 
     """
-    return np.asarray(np.diagonal(np.linalg.inv(mass_matrix(joints, _pose_grid(joints))), axis1=1, axis2=2).max(0))
+    return np.asarray(np.diagonal(invert_mass_matrix(joints), axis1=1, axis2=2).max(0))
+
+
+def invert_mass_matrix(joints: tuple[Joint, ...]) -> np.ndarray:
+    """Compute the inverse of the mass matrix on the grid of `find_singular_pose`.
+
+    Args:
+        joints: The joints, base first.
+
+    Returns:
+        M⁻¹ (points × n × n), 1/(kg m²) or 1/kg.
+
+    """
+    return np.linalg.inv(mass_matrix(joints, _pose_grid(joints)))
 
 
 def _pose_grid(joints: tuple[Joint, ...]) -> np.ndarray:
