@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hdagen.comparison.diagnosis_comparison import INTERVAL_DEVIATIONS, DiagnosisComparison
+from hdagen.diagnosis.report.effect_words import join_effects, name_effect
 from hdagen.pages import figure, page
 from hdagen.pages.number_table import TableCell
 from hdagen.pages.result_table import ResultTable
@@ -43,7 +44,7 @@ def _build_overview_section(comparison: DiagnosisComparison) -> page.Section:
         ["file", *(side["source"] for side in sides)],
         ["robot", *(_show_text(side["robot"]) for side in sides)],
         ["logs", *(_show_text(side["log"]) for side in sides)],
-        ["verdict", *(", ".join(side["verdict"]) or "no effect" for side in sides)],
+        ["verdict", *(join_effects(side["verdict"], comparison.joints) or "no effect" for side in sides)],
         ["sure", *(side["sure"] for side in sides)],
     ]
     gaps = comparison.table()
@@ -65,7 +66,7 @@ def _build_effects_section(comparison: DiagnosisComparison) -> page.Section:
     ]
     dots = figure.draw_dots(
         "Probability of being present",
-        [pair.effect for pair in pairs],
+        [name_effect(pair.effect, comparison.joints) for pair in pairs],
         groups,
         value_label="probability",
         caption="Without a dot: not tried.",
@@ -90,7 +91,7 @@ def _build_parameters_section(comparison: DiagnosisComparison) -> page.Section:
                 "Difference of both estimates",
                 [name for name, _ in finite],
                 [figure.DotGroup("second minus first", np.array([value for _, value in finite]), color="blue")],
-                value_label="in standard deviations of the difference",
+                value_label="difference (standard deviations)",
                 levels=[(-INTERVAL_DEVIATIONS, "−95 %"), (INTERVAL_DEVIATIONS, "95 %")],
                 caption="Within the two lines the estimates agree.",
             )

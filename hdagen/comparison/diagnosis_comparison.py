@@ -14,6 +14,7 @@ from typing import Any
 from hdagen.adoption.diagnosis_file import is_finite
 from hdagen.adoption.diagnosis_schema import upgrade_content
 from hdagen.adoption.verdict import FACTOR, read_verdict
+from hdagen.diagnosis.report.effect_words import join_effects
 from hdagen.pages.number_table import TableCell
 from hdagen.pages.result_table import ResultTable
 
@@ -158,17 +159,23 @@ class DiagnosisComparison:
         return tuple(said)
 
     @property
+    def joints(self) -> tuple[str | None, ...]:
+        """Names of the joints; none where the diagnoses are of robots with different names."""
+        first, second = (tuple(content.get("joints") or ()) for content in self.contents)
+        return first if first == second else ()
+
+    @property
     def sentence(self) -> str:
         """Verdicts and parameters compared in a sentence or two."""
         first, second = (list(content["verdict"]) for content in self.contents)
         both = [name for name in first if name in second]
         parts = []
         if both:
-            parts.append(f"both name {', '.join(both)}")
+            parts.append(f"both name {join_effects(both, self.joints)}")
         for which, own, other in (("first", first, second), ("second", second, first)):
             alone = [name for name in own if name not in other]
             if alone:
-                parts.append(f"only the {which} names {', '.join(alone)}")
+                parts.append(f"only the {which} names {join_effects(alone, self.joints)}")
         text = "; ".join(parts) or "neither names an effect"
         known = [pair for pair in self.parameters if pair.do_agree is not None]
         if known:

@@ -170,11 +170,13 @@ def _draw_layout(layout: Layout, words: str, scene: _Scene) -> str:
     """The views beside each other, or one below the other on a narrow layout, under the key of the arms."""
     font = layout.font
     parts, x = [], 0.0
+    entries = [*(label for label, _, _ in scene.arms), "target"]
+    fits = sum(48 + estimate_text_width(label, font) for label in entries) <= layout.width
     for label, color, _ in scene.arms:
         sample = build_element(
             "path", d=f"M{x + 3:.1f} {0.7 * font:.1f}h18", stroke="currentColor", stroke_width=5, stroke_linecap="round"
         )
-        short = shorten_text(label, layout.width / (len(scene.arms) + 1) - 48, font)
+        short = label if fits else shorten_text(label, layout.width / len(entries) - 48, font)
         parts += [group_in_color(color, sample), draw_text(x + 30, 1.05 * font, short)]
         x += 48 + estimate_text_width(short, font)
     if scene.target.size:

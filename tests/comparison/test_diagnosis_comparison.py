@@ -42,7 +42,7 @@ def test_a_diagnosis_agrees_with_itself() -> None:
     found = compare_contents(STORED, STORED)
     judged = [one for one in found.parameters if one.do_agree is not None]
     assert judged and all(one.do_agree and one.difference == 0.0 for one in judged)
-    assert found.sentence.startswith("Both name coulomb_friction@1;")
+    assert found.sentence.startswith("Both name Coulomb friction on joint 1;")
     assert f"{len(judged)} of {len(judged)} parameters agree" in found.sentence
     assert any("of the same log" in note for note in found.notes)
     columns = found.table().columns
@@ -88,7 +88,9 @@ def test_what_only_one_names_is_said() -> None:
         document["verdict"] = ["payload@1"]
 
     found = compare_contents(STORED, changed(name_other))
-    assert found.sentence.startswith("Only the first names coulomb_friction@1; only the second names payload@1;")
+    assert found.sentence.startswith(
+        "Only the first names Coulomb friction on joint 1; only the second names payload on joint 1;"
+    )
     assert [one.effect for one in found.effects[:2]] == ["payload@1", "coulomb_friction@1"]
     payload, friction = (pair(found, name) for name in ("payload_mass_1", "coulomb_friction_1"))
     assert payload.first is None and payload.second == Estimate(0.3, 0.01) and payload.unit == "kg"
@@ -168,7 +170,7 @@ def test_the_command_prints_json_and_writes_a_page(tmp_path: Path, capsys: pytes
     given = ["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--out", str(tmp_path / "page.html")]
     assert main(given) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "Both name coulomb_friction@1" in shown and "mass_1" in shown and "written:" in shown
+    assert "Both name Coulomb friction on joint 1" in shown and "mass_1" in shown and "written:" in shown
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     for text in ("Two diagnoses side by side", "mass_1", "coulomb_friction@1", "95 %", "hdagen compare"):
         assert text in page
