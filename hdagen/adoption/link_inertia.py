@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdagen.arm.arm_parameters import VECTOR_ENTRIES
+from hdagen.arm.arm_parameters import VECTOR_ENTRIES, Parameter
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.joint_names import list_joint_names
@@ -21,7 +21,10 @@ LEAST_MOMENT_SHARE = 1e-3  # of the largest second moment, that the least one ha
 
 
 def make_inertias_possible(arm: Arm) -> tuple[dict[str, float], list[str]]:
-    """Find the possible inertias nearest to those of an arm's links.
+    """Find possible inertias near to those of an arm's links, within the bounds of their parameters.
+
+    The possible inertias form a convex set, and so do those within bounds: on the way from the robot file's inertia,
+    which lies in both, to the nearest possible one every inertia is possible.
 
     Args:
         arm: The arm, with any parameters.
@@ -36,7 +39,8 @@ def make_inertias_possible(arm: Arm) -> tuple[dict[str, float], list[str]]:
         return changed, notes
     for j, name in enumerate(list_joint_names(arm), 1):
         names = [f"inertia_{entry}_{j}" for entry in ENTRIES]
-        stated = _list_second_moments([arm.parameters.described[one].nominal for one in names])
+        own = [arm.parameters.described[one] for one in names]
+        stated = _list_second_moments([q.nominal for q in own])
         least = min(LEAST_MOMENT_SHARE, _find_least_share(stated))
         found = _list_second_moments([arm.parameters[one] for one in names])
         if _find_least_share(found) >= least * (1 - 1e-9):
@@ -44,9 +48,21 @@ def make_inertias_possible(arm: Arm) -> tuple[dict[str, float], list[str]]:
         sizes, axes = np.linalg.eigh(found)
         near = axes * np.maximum(sizes, least * sizes[-1]) @ axes.T
         inertia = np.trace(near) * np.eye(3) - near
-        changed |= dict(zip(names, _list_entries(inertia), strict=True))
-        notes.append(f"inertia of {name or 'joint'} ({j}): no body has the fitted one; the nearest possible is taken.")
+        changed |= dict(zip(names, _approach_within_bounds(own, _list_entries(inertia)), strict=True))
+        notes.append(
+            f"inertia of {name or 'joint'} ({j}): no body has the fitted one; a possible one near it is taken."
+        )
     return changed, notes
+
+
+def _approach_within_bounds(own: list[Parameter], wanted: list[float]) -> list[float]:
+    """The values farthest on the straight way from those of the robot file to the wanted ones that keep all bounds."""
+    share = 1.0
+    for q, value in zip(own, wanted, strict=True):
+        if not q.low <= value <= q.high:
+            share = min(share, (max(min(value, q.high), q.low) - q.nominal) / (value - q.nominal))
+    reached = [q.nominal + share * (value - q.nominal) for q, value in zip(own, wanted, strict=True)]
+    return [max(min(value, q.high), q.low) for q, value in zip(own, reached, strict=True)]
 
 
 def _list_second_moments(entries: list[float]) -> Array:

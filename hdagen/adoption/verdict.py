@@ -281,9 +281,10 @@ def _read_diagnosed_robot(stated: Any, source: str, problems: list[str]) -> Diag
 
 
 def _check_same_robot(robot: str | Path, arm: Arm, source: str, diagnosed: DiagnosedRobot) -> None:
-    """Refuse a ``robot`` with other numbers than the diagnosed one. Of an older diagnosis, which has only the hash of
-    the file, refuse one of another name or of other bytes."""
-    name, own = diagnosed.name, arm.robot["name"]
+    """Refuse a ``robot`` with other numbers than the diagnosed one; the same bytes are the same numbers, also where
+    another version of hdagen hashed them. Of an older diagnosis, which has only the hash of the file, refuse one of
+    another name or of other bytes."""
+    name, own, file = diagnosed.name, arm.robot["name"], Path(robot)
     if diagnosed.identity == compute_robot_identity(arm.robot):
         return
     if name != own:
@@ -291,13 +292,14 @@ def _check_same_robot(robot: str | Path, arm: Arm, source: str, diagnosed: Diagn
             f"{source}: the diagnosis is of the robot {name!r:.90}, {robot} is of {own!r:.90}; name the "
             "file that was diagnosed."
         )
+    if file.is_file() and diagnosed.sha256 == hashlib.sha256(file.read_bytes()).hexdigest():
+        return
     if diagnosed.identity is not None:
         raise PlantError(
             f"{source}: {robot} is not the robot that was diagnosed, or has changed since: its gravity, a link, a "
             "drive or an effect has another number or tolerance; name the file as it was, or diagnose again."
         )
-    file = Path(robot)
-    if file.is_file() and diagnosed.sha256 != hashlib.sha256(file.read_bytes()).hexdigest():
+    if file.is_file():
         raise PlantError(
             f"{source}: is of an older version and knows its robot file by its bytes alone (SHA-256), and {robot} has "
             "others, be it in a comment; name the file as it was, or diagnose again."

@@ -10,10 +10,11 @@ import argparse
 import datetime
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from hdagen.blind.realities.joint_reality import make_joint_log
-from hdagen.blind.realities.rigid_joints import JointCase, draw_joint_cases
+from hdagen.blind.realities.rigid_joints import LOG_RATES, JointCase, draw_joint_cases
 from hdagen.log.measured_log import Log, write
 from hdagen.support.atomic_write import write_atomically
 
@@ -21,7 +22,9 @@ FIRST_DATE = datetime.date(2026, 1, 5)
 DAYS_BETWEEN_LOGS = 30
 
 
-def write_fleet(folder: Path, robot_count: int, log_count: int, seconds: float, seed: str) -> Path:
+def write_fleet(
+    folder: Path, robot_count: int, log_count: int, seconds: float, seed: str, rate: int | None = None
+) -> Path:
     """Write robot files, logs, and the fleet.toml that names them.
 
     Args:
@@ -30,6 +33,7 @@ def write_fleet(folder: Path, robot_count: int, log_count: int, seconds: float, 
         log_count: Logs of each robot.
         seconds: Length of a log, s.
         seed: Seed that robots and motions are drawn from.
+        rate: Rate of all logs, Hz, one of LOG_RATES; None: the drawn ones.
 
     Returns:
         The fleet.toml.
@@ -40,7 +44,8 @@ def write_fleet(folder: Path, robot_count: int, log_count: int, seconds: float, 
     """
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
-    for number, case in enumerate(draw_one_joint_cases(seed, robot_count), 1):
+    for number, drawn in enumerate(draw_one_joint_cases(seed, robot_count), 1):
+        case = replace(drawn, rate=rate or drawn.rate)
         robot = f"robot_{number:03d}.toml"
         write_atomically(folder / robot, case.robot.toml().encode())
         for k in range(log_count):
@@ -89,9 +94,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--robots", type=int, default=40, metavar="N", help="robots (default: 40)")
     parser.add_argument("--logs", type=int, default=5, metavar="N", help="logs of each robot (default: 5)")
     parser.add_argument("--seconds", type=float, default=2.0, metavar="T", help="length of a log, s (default: 2)")
+    parser.add_argument("--rate", type=int, choices=LOG_RATES, help="of all logs, Hz (default: drawn for each robot)")
     parser.add_argument("--seed", default="made fleet", metavar="TEXT", help="any text")
     given = parser.parse_args(arguments)
-    print(write_fleet(given.folder, given.robots, given.logs, given.seconds, given.seed))
+    print(write_fleet(given.folder, given.robots, given.logs, given.seconds, given.seed, given.rate))
     return 0
 
 

@@ -88,12 +88,17 @@ def _print_changes(options: argparse.Namespace, adopted: AdoptedRobot) -> None:
     if adopted.changes:
         title = escape(f"{options.robot} with {options.diagnosis}")
         table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        table.add_column("where", no_wrap=True)
+        table.add_column("where", overflow="fold")
         for name in ("file", "adopted", "±", "change"):
-            table.add_column(name, justify="right")
-        table.add_column("unit")
+            table.add_column(name, justify="right", no_wrap=True)
+        table.add_column("unit", no_wrap=True)
+        above = ""
         for change in adopted.changes:
-            table.add_row(escape(change.where), *_format_change(change), change.unit)
+            owner, _, key = change.where.rpartition(".")
+            if owner and owner != above:
+                table.add_row(escape(owner))
+            above = owner
+            table.add_row(escape(f"  {key}" if owner else key), *_format_change(change), change.unit)
         console.print(table)
     for note in adopted.notes:
         console.print(f"note: {note}", markup=False)
@@ -112,4 +117,4 @@ def _format_change(change: Change) -> tuple[str, str, str, str]:
         before = f"{change.before:.6g}"
     if change.std is not None:
         std = f"{change.std:.2g}"
-    return before, f"{change.after:.10g}", std, describe_change(change.before, change.after)
+    return before, f"{change.after:.6g}", std, describe_change(change.before, change.after)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hdagen.pages.markup import build_element, escape_html
+from hdagen.pages.markup import build_code, build_element, escape_html
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,6 @@ def _build_command(one: NextCommand) -> str:
     return build_element(
         "div",
         build_element("p", escape_html(one.purpose)),
-        build_element("pre", build_element("code", escape_html(one.command))),
+        build_element("pre", build_element("code", build_code(one.command))),
         class_="command",
     )

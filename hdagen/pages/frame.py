@@ -237,9 +237,15 @@ def _table_row(row: Sequence[str], classes: Sequence[str | None], link: str | No
         name = build_element("a", name, href=link)
     cells = [build_element("th", name, scope="row", class_=classes[0])]
     cells += [
-        build_element("td", escape_html(cell), class_=kind) for cell, kind in zip(row[1:], classes[1:], strict=True)
+        build_element("td", _keep_together(escape_html(cell)), class_=kind)
+        for cell, kind in zip(row[1:], classes[1:], strict=True)
     ]
     return build_element("tr", *cells)
+
+
+def _keep_together(cell: str) -> str:
+    """A cell whose line ends neither before a percent sign nor behind a plus or minus."""
+    return cell.replace("± ", "±\N{NO-BREAK SPACE}").replace(" %", "\N{NO-BREAK SPACE}%")
 
 
 def build_figure(

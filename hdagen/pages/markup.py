@@ -10,6 +10,8 @@ import re
 # and each can break a parser or make a line read as something else.
 UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u202a-\u202e\u2066-\u2069\ufffe\uffff]")
 
+OPTION_NAME = re.compile(r"(?<!\S)--?[a-z][a-z-]*")  # in a command, as --hold-out
+
 
 def replace_unprintable(text: object) -> str:
     """Replace every character that may not stand in a page.
@@ -84,6 +86,19 @@ def build_data_block(data: object) -> str:
     return f'<script type="application/json">{text}</script>'
 
 
+def build_code(text: str) -> str:
+    """Write lines of code, in which no line of the page ends within the name of an option.
+
+    Args:
+        text: The lines, which are escaped.
+
+    Returns:
+        The content of a `pre` element.
+
+    """
+    return OPTION_NAME.sub(lambda name: build_element("span", name[0], class_="option"), escape_html(text))
+
+
 def build_paragraphs(text: str) -> str:
     """Write plain text as HTML.
 
@@ -98,7 +113,7 @@ def build_paragraphs(text: str) -> str:
     for part in re.split(r"\n[ \t]*\n", text.strip("\n")):
         lines = [line for line in part.split("\n") if line.strip()]
         if lines and all(line.startswith("    ") for line in lines):
-            parts.append(build_element("pre", escape_html("\n".join(line[4:].rstrip() for line in lines))))
+            parts.append(build_element("pre", build_code("\n".join(line[4:].rstrip() for line in lines))))
         elif lines:
             parts.append(build_element("p", escape_html(" ".join(line.strip() for line in lines))))
     return "".join(parts)

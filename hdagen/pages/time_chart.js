@@ -68,7 +68,7 @@ const startTimeChart = (figure, data) => {
       scales: { x: { time: false } },
       series: [{ label: "time", value: (_, value) => (value === null ? "" : `${fixed(value + data.start, 3)} s`) },
         ...labels.map(line)],
-      axes: [below, axis({ size: 52, space: 24, values: numerals })],
+      axes: [below, axis({ size: 52, space: 16, values: numerals })],
       cursor: { sync: { key: figure.getAttribute("aria-label"), scales: ["x", null] }, y: false, drag: { x: true, y: false } },
       legend: { mount: (_, table) => head.append(table) },
       hooks: { drawClear: [shade] },

@@ -217,18 +217,30 @@ class CandidateSet:
 
     def presence_threshold(self, k: int) -> float:
         """Return the size, in typical sizes, from which a candidate counts as present: a base parameter within twice
-        its tolerance is as the robot file states.
+        its tolerance is as the robot file states. Of a number that is 0 in the file any clear size counts.
 
         Args:
             k: place of the candidate.
 
         """
+        if self.is_absent_number(k):
+            return CANDIDATES.least_absent_number
         theta = np.zeros(len(self.columns))
         own = self.amplitude_columns((k,))
         theta[own] = CANDIDATES.base_deviation_limit * float(self.spike_widths[own].max(initial=0.0))
         if len(own) > 1:
             return max(CANDIDATES.present_size, float(theta[own].max()))
         return max(CANDIDATES.present_size, self.measure_size(k, theta))
+
+    def is_absent_number(self, k: int) -> bool:
+        """Tell whether a candidate is a number that the robot file states as 0, as a URDF's rotors are.
+
+        Args:
+            k: place of the candidate.
+
+        """
+        own = self.amplitude_columns((k,))
+        return self.members[k].is_number and len(own) == 1 and not self.columns[own[0]].stated
 
     def measure_size(self, k: int, theta: Array) -> float:
         """Measure the size of a candidate. That of a number that the robot file states is the logarithm of its factor,

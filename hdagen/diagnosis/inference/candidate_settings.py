@@ -35,6 +35,11 @@ class CandidateSettings:
     present_size: float = declare_setting(
         0.3, "usual sizes", "an effect counts as present from here; a smaller one changes little", KNOWN_EFFECTS
     )
+    least_absent_number: float = declare_setting(
+        0.05,
+        "usual sizes",
+        "a number that the robot file states as 0 is present from here: none is 0, and rotors differ by 30 times",
+    )
     base_deviation_limit: float = declare_setting(
         2.0,
         "tolerances",

@@ -44,6 +44,35 @@ class SizeChange:
         return self.value / self.file
 
 
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with a number of the robot file, or with an effect that the model lacks.
+
+    Attributes:
+        words: What follows "is".
+        times: By how many times the number is wrong; None where the words say it, or nothing says how much.
+
+    """
+
+    words: str
+    times: float | None = None
+
+    def say(self, times: Sequence[float | None]) -> str:
+        """Say the fault, with its sizes.
+
+        Args:
+            times: By how many times each of the numbers that have it is wrong.
+
+        Returns:
+            The words that follow "is".
+
+        """
+        told = [format_number(one, 2) for one in sorted(one for one in times if one is not None)]
+        if not told:
+            return self.words
+        return f"{self.words} by {' to '.join(dict.fromkeys((told[0], told[-1])))} times"
+
+
 def name_joint(joint: int, joints: JointNames = ()) -> str:
     """Name a joint: by its name and number, or by its number where it has no name.
 
@@ -93,7 +122,7 @@ def name_kind(effect: str) -> str:
         The words.
 
     """
-    words = effect.removeprefix("missing_").split("_")
+    words = effect.removeprefix("missing_").replace("_dependent", "-dependent").split("_")
     return " ".join(word.capitalize() if word in NAMES_OF_PEOPLE else word for word in words)
 
 
@@ -186,10 +215,12 @@ def format_change(before: float, after: float, unit: str, between: str = " → "
 
     """
     sizes = sorted((abs(before), abs(after)))
-    if 0 < sizes[0] * REPORT.largest_shared_ratio < sizes[1]:
+    if sizes[0]:
         scaled = _scale_unit(unit, math.sqrt(sizes[0] * sizes[1]))
-        texts = [format_number(value * scaled.factor, REPORT.value_digits) for value in (before, after)]
-        return f"{texts[0]}{between}{texts[1]} {scaled.unit}".rstrip()
+        are_short = all(0.1 <= size * scaled.factor < 1000.0 for size in sizes)
+        if are_short or sizes[1] > REPORT.largest_shared_ratio * sizes[0]:
+            texts = [format_number(value * scaled.factor, REPORT.value_digits) for value in (before, after)]
+            return f"{texts[0]}{between}{texts[1]} {scaled.unit}".rstrip()
     (first, second), written = format_values([before, after], unit)
     return f"{first}{between}{second} {written}".rstrip()
 
@@ -278,20 +309,44 @@ def say_effect(entry: str, content: Mapping[str, Any], *, with_sizes: bool = Tru
 
     """
     joints = content.get("joints", ())
+    joint = int(entry.partition("@")[2])
+    sizes = list_sizes(_find_cause(entry, content))
+    numbers = _say_sizes(sizes) if with_sizes else ""
+    fault = find_fault(entry, content)
+    if fault is None:
+        ratio = sizes[0].value / (sizes[0].file or math.nan)
+        times = f"{format_number(ratio, REPORT.value_digits)} times as strongly as the file says"
+        return f"commands act on {name_joint(joint, joints)} {times}{numbers}"
+    return f"{name_effect(entry, joints)} is {fault.say([fault.times])}{numbers}"
+
+
+def find_fault(entry: str, content: Mapping[str, Any]) -> Fault | None:
+    """Find what is wrong at an effect.
+
+    Args:
+        entry: effect@joint, of the verdict.
+        content: Of diagnosis.json.
+
+    Returns:
+        The fault; None where commands act more or less strongly than the file says.
+
+    """
+    cause = _find_cause(entry, content)
+    sizes = list_sizes(cause)
+    if FACTOR in cause["parameters"] and len(sizes) > 1:
+        return Fault("wrong in the file")
+    if len(sizes) != 1 or sizes[0].ratio is None:
+        return Fault("missing in the model")
+    if sizes[0].name == COMMAND_GAIN and not _logs_current(content):
+        return None
+    return _judge_ratio(sizes[0].ratio)
+
+
+def _find_cause(entry: str, content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The entry of `causes` in diagnosis.json; one without parameters where there is none."""
     effect, _, joint = entry.partition("@")
     causes: list[Mapping[str, Any]] = [*content["causes"], {"effect": effect, "joint": joint, "parameters": {}}]
-    cause = next(one for one in causes if (one["effect"], str(one["joint"])) == (effect, joint))
-    sizes, name = list_sizes(cause), name_effect(entry, joints)
-    numbers = _say_sizes(sizes) if with_sizes else ""
-    if FACTOR in cause["parameters"] and len(sizes) > 1:
-        return f"{name} is wrong in the file{numbers}"
-    if len(sizes) != 1 or sizes[0].ratio is None:
-        return f"{name} is missing in the model{numbers}"
-    one, ratio = sizes[0], sizes[0].value / (sizes[0].file or math.nan)
-    if one.name == COMMAND_GAIN and not _logs_current(content):
-        times = f"{format_number(ratio, REPORT.value_digits)} times as strongly as the file says"
-        return f"commands act on {name_joint(int(joint), joints)} {times}{numbers}"
-    return f"{name} is {_say_ratio(ratio)}{numbers}"
+    return next(one for one in causes if (one["effect"], str(one["joint"])) == (effect, joint))
 
 
 def _logs_current(content: Mapping[str, Any]) -> bool:
@@ -299,19 +354,19 @@ def _logs_current(content: Mapping[str, Any]) -> bool:
     return not any(name.startswith("motor_torque") for name in content.get("data", {}).get("channels", {}))
 
 
-def _say_ratio(ratio: float) -> str:
-    """The found value over the file's, in words."""
+def _judge_ratio(ratio: float) -> Fault:
+    """The fault of a number by the found value over the file's."""
     if ratio < -REPORT.least_file_share:
-        return "of the other sign in the file"
+        return Fault("of the other sign in the file")
     if ratio < REPORT.least_file_share:
-        return "in the file, and the log has hardly any of it"
+        return Fault("in the file, and the log has hardly any of it")
     if ratio >= REPORT.least_told_ratio:
-        return f"too small in the file by {format_number(ratio, 2)} times"
+        return Fault("too small in the file", ratio)
     if ratio <= 1 / REPORT.least_told_ratio:
-        return f"too large in the file by {format_number(1 / ratio, 2)} times"
+        return Fault("too large in the file", 1 / ratio)
     if ratio >= 1:
-        return f"too small in the file by {100 * (ratio - 1):.2g} %"
-    return f"too large in the file by {100 * (1 - ratio):.2g} %"
+        return Fault(f"too small in the file by {100 * (ratio - 1):.2g} %")
+    return Fault(f"too large in the file by {100 * (1 - ratio):.2g} %")
 
 
 def _say_sizes(sizes: Sequence[SizeChange]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
+from hdagen.diagnosis.report.effect_groups import say_many_effects
 from hdagen.diagnosis.report.effect_words import join_effects, name_channel, name_effect, name_joint, say_effect
 from hdagen.diagnosis.report.gap_words import (
     find_effect_credit,
@@ -58,7 +59,9 @@ def write_headline(content: dict[str, Any]) -> str:
         return _say_no_effect(content)
     if not named:
         return f"{_say_joints(content, verdict)} something that no known effect explains"
-    each = [say_effect(entry, content, with_sizes=len(named) <= REPORT.most_sized_effects) for entry in named]
+    each = [say_effect(entry, content) for entry in named]
+    if len(named) > REPORT.most_sized_effects:
+        each = say_many_effects(named, content)
     said = ", and ".join(part for part in (", ".join(each[:-1]), each[-1]) if part)
     return f"{said[0].upper()}{said[1:]}"
 
@@ -137,12 +140,16 @@ def format_probability(p: float) -> str:
 
 def _say_probability(content: dict[str, Any]) -> str:
     """The probability of each named effect and of the set; "" where nothing is named."""
-    each, p = list(map(format_probability, list_effect_probabilities(content))), find_set_probability(content)
+    likely, p = list_effect_probabilities(content), find_set_probability(content)
+    each = list(map(format_probability, likely))
     if not list_named_effects(content) or p is None:
         return ""
     of_set = format_probability(p)
     if not each or each == [of_set]:
         return f"; probability {of_set}{note_calibration(content)}"
+    if len(each) > REPORT.most_sized_effects:
+        least = format_probability(min(likely))
+        return f"; probability of each {least} or more, of exactly this set {of_set}{note_calibration(content)}"
     return f"; probability {' and '.join(each)}, of exactly this set {of_set}{note_calibration(content)}"
 
 

@@ -28,6 +28,11 @@ class SearchSettings:
         3, "effects", "effects at once beside wrong numbers of the robot file: time"
     )
     most_members_of_set: int = declare_setting(7, "effects", "effects and wrong numbers at once: time")
+    drive_restarts: int = declare_setting(
+        2,
+        "starts",
+        "further starts of whole drives from the file's other numbers, which moved while frictions and rotors were off",
+    )
     number_rounds: int = declare_setting(
         2, "rounds", "rounds in which wrong numbers are chosen: the linear model of the first may miss some"
     )

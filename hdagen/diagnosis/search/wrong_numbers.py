@@ -6,6 +6,8 @@ a motion to such numbers is nearly linear, so the linear model of one fit choose
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from hdagen.diagnosis.inference.alternative_starts import refit_without
@@ -98,18 +100,34 @@ def free_wrong_numbers(lead: Fit, words: CandidateSet) -> Fit | None:
             at.shooting, words, (*fit.effects, *chosen), at.point, fit.score.posterior.s, fit.noise_only_evidence
         )
         moved = advance_with_note(words, f"wrong numbers, round {number}", begun)
-        fit = _drop_unneeded(continue_fit(moved, words, SEARCH.most_further_steps, 1.0), words, lead.effects)
+        numbers = [k for k, one in enumerate(words.members) if one.is_number and k not in lead.effects]
+        fit = drop_unneeded(continue_fit(moved, words, SEARCH.most_further_steps, 1.0), words, numbers)
     if fit is lead or set(fit.effects) == set(lead.effects):
         return None
     return fit
 
 
-def _drop_unneeded(fit: Fit, words: CandidateSet, kept: tuple[int, ...]) -> Fit:
-    """Drop numbers that are not worth their price beside the others, the least first."""
+def drop_unneeded(fit: Fit, words: CandidateSet, droppable: Collection[int]) -> Fit:
+    """Drop effects that are not worth their price beside the others, the least first. The linear model proposes each,
+    and the fit without it decides.
+
+    Args:
+        fit: the fit, with its columns.
+        words: all candidates.
+        droppable: places of the candidates that may go.
+
+    Returns:
+        The fit of the others.
+
+    """
     while True:
-        rests = [tuple(i for i in fit.effects if i != k) for k in list_numbers(fit) if k not in kept]
+        rests = [tuple(i for i in fit.effects if i != k) for k in fit.effects if k in droppable]
         predicted = [fit.predicted_evidence(rest) for rest in rests]
-        if not rests or max(predicted) < fit.evidence_here - SEARCH.effect_penalty * fit.misfit_temperature:
+        least = fit.evidence_here - SEARCH.effect_penalty * fit.misfit_temperature
+        if not rests or max(predicted) < least:
             return fit
         less = refit_without(fit, words, rests[int(np.argmax(predicted))])
-        fit = continue_fit(less, words, SEARCH.most_further_steps, 1.0)
+        less = continue_fit(less, words, SEARCH.most_further_steps, 1.0)
+        if less.evidence_here < least:
+            return fit
+        fit = less

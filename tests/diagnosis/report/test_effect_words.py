@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from hdagen.diagnosis.report.effect_groups import say_many_effects
 from hdagen.diagnosis.report.effect_words import (
     SizeChange,
     format_change,
@@ -60,10 +61,36 @@ def test_joints_are_known_by_name() -> None:
     )
 
 
+def list_causes(**numbers: list[tuple[float, float]]) -> dict[str, Any]:
+    """Causes of diagnosis.json: of each effect, file and found value at the joints from 1 on."""
+    causes = []
+    for effect, pairs in numbers.items():
+        for joint, (file, value) in enumerate(pairs, 1):
+            one = {"value": value, "std": 0.01, "unit": "N m", "end": None, "file": file}
+            causes.append({"effect": effect, "joint": joint, "parameters": {effect: one}})
+    return {"causes": causes, "data": {"channels": {}}}
+
+
+def test_many_effects_of_a_kind_are_said_together() -> None:
+    content = list_causes(motor_inertia=[(0.0, 0.1)] * 3, viscous_friction=[(0.1, 1.3), (0.1, 0.88), (0.1, 0.05)])
+    entries = [f"{effect}@{joint}" for effect in ("motor_inertia", "viscous_friction") for joint in (1, 2, 3)]
+    assert say_many_effects(entries, content) == [
+        "motor inertia on joints 1, 2 and 3 is missing in the model",
+        "viscous friction on joints 1 and 2 is too small in the file by 8.8 to 13 times",
+        "viscous friction on joint 3 is too large in the file by 2 times",
+    ]
+    named = content | {"joints": ["hip", "knee", None]}
+    assert say_many_effects(entries, named)[0] == (
+        "motor inertia on hip (1), knee (2) and joint 3 is missing in the model"
+    )
+
+
 def test_both_values_of_a_change_are_readable() -> None:
     assert format_change(4.52e-3, 7.15e-5, "rad") == "4.52 → 0.0715 mrad"
     assert format_change(1.36, 1.21e-3, "rad", " to ") == "1360 to 1.21 mrad"
     assert format_change(0.43, 1.65e-4, "rad") == "430 → 0.165 mrad"
+    assert format_change(0.349, 4.45e-4, "rad") == "349 → 0.445 mrad"
+    assert format_change(12.0, 0.05, "rad") == "12 → 0.05 rad"
     assert format_change(0.0, 0.0, "m") == "0 → 0 m"
     assert format_change(2.0, 3.0, "1") == "2 → 3"
 
