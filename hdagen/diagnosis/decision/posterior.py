@@ -307,7 +307,7 @@ def _compute_unknown_odds(left: Fit, none: Fit) -> float:
     effect leaves. That share is measured by evidence, which is logarithmic in a large error, and by torque, which says
     little of a saturation or an encoder. A real machine always leaves some torque.
     """
-    lacks = [max(fit.noise_only_evidence - fit.evidence_here, SMALLEST_POSITIVE) for fit in (left, none)]
+    lacks = [max(fit.misfit, SMALLEST_POSITIVE) for fit in (left, none)]
     torques = [max(float(np.linalg.norm(fit.unexplained_torque)), SMALLEST_POSITIVE) for fit in (left, none)]
     size = min(
         max(
