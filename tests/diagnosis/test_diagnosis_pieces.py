@@ -189,7 +189,7 @@ def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatc
 def test_where_no_effect_tells_anything_no_second_one_is_looked_for() -> None:
     def fits(none: float, best: float) -> Any:
         pairs = (((), none), ((1,), best))
-        return [SimpleNamespace(effects=atoms, noise_only_evidence=0.0, evidence_here=-lacks) for atoms, lacks in pairs]
+        return [SimpleNamespace(effects=atoms, evidence_here=-lacks, misfit=lacks) for atoms, lacks in pairs]
 
     assert fit_ranking.is_beyond_known_effects(fits(1300.0, 1240.0))
     assert not fit_ranking.is_beyond_known_effects(fits(1300.0, 900.0))  # it tells a third

@@ -52,9 +52,10 @@ def slow(tmp_path: Path) -> Callable[[], list[int]]:
 
 GEN = ("-m", "gen", "build")
 HDAGEN = ("-c", "import sys, hdagen; hdagen.load_robot(sys.argv[1])")
+DIAGNOSIS = ("-c", "import sys; from hdagen.diagnosis.data.models import load_models; load_models(sys.argv[1])")
 
 
-@pytest.mark.parametrize("program", [GEN, HDAGEN], ids=["gen", "hdagen"])
+@pytest.mark.parametrize("program", [GEN, HDAGEN, DIAGNOSIS], ids=["gen", "hdagen", "two builds in threads"])
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_compilers_end_with_the_one_that_began_them(
     slow: Callable[[], list[int]], tmp_path: Path, program: tuple[str, ...], end: signal.Signals

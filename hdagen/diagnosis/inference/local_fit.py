@@ -165,9 +165,14 @@ class Fit:
         return LIKELIHOOD.likelihood_temperature * self.misfit_temperature
 
     @property
+    def misfit(self) -> float:
+        """Log evidence that is left at the present point: what a residual of noise alone would add."""
+        return self.noise_only_evidence - self.evidence_here
+
+    @property
     def misfit_temperature(self) -> float:
         """That temperature in multiples of the least."""
-        return max(1.0, (self.noise_only_evidence - self.evidence_here) / FIT.misfit_of_temperature)
+        return max(1.0, self.misfit / FIT.misfit_of_temperature)
 
     @property
     def names(self) -> tuple[str, ...]:

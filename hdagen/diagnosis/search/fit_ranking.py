@@ -36,9 +36,7 @@ def leaves_much(lead: Fit, fitted: Sequence[Fit]) -> bool:
 
     """
     none = next((f for f in fitted if not f.effects), lead)
-    return lead.noise_only_evidence - lead.evidence_here > SEARCH.large_misfit_share * (
-        none.noise_only_evidence - none.evidence_here
-    )
+    return lead.misfit > SEARCH.large_misfit_share * none.misfit
 
 
 def is_beyond_known_effects(fitted: Sequence[Fit]) -> bool:
@@ -50,9 +48,18 @@ def is_beyond_known_effects(fitted: Sequence[Fit]) -> bool:
     """
     best = sort_by_evidence(fitted)[0]
     none = next((f for f in fitted if not f.effects), best)
-    return best.noise_only_evidence - best.evidence_here > max(
-        SEARCH.unexplained_misfit_share * (none.noise_only_evidence - none.evidence_here), SEARCH.unexplained_misfit
-    )
+    return best.misfit > max(SEARCH.unexplained_misfit_share * none.misfit, SEARCH.unexplained_misfit)
+
+
+def can_gain(lead: Fit) -> bool:
+    """Tell whether any further effect can become more probable than the best fit: what that leaves bounds what an
+    effect gains, and the prior takes a part.
+
+    Args:
+        lead: the best fit.
+
+    """
+    return lead.misfit > (SEARCH.effect_penalty + SEARCH.least_lead) * lead.misfit_temperature
 
 
 def first_with_columns(fits: Sequence[Fit]) -> Fit:

@@ -212,7 +212,7 @@ def _keep_promising(fits: list[Fit], share: float, most: int) -> tuple[list[Fit]
 def _is_outdone(none: Fit, lead: Fit) -> bool:
     """Tell whether the null model will leave many times the misfit of the best fit."""
     return none.noise_only_evidence - none.score.evidence > SEARCH.outdone_ratio * max(
-        lead.noise_only_evidence - lead.evidence_here, lead.misfit_temperature
+        lead.misfit, lead.misfit_temperature
     )
 
 

@@ -8,6 +8,7 @@ models.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
-from hdagen.diagnosis.search.fit_ranking import drop_columns, leaves_much, sort_by_evidence
+from hdagen.diagnosis.search.fit_ranking import can_gain, drop_columns, leaves_much, sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_search import SearchResult, run_races
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.stages.stage import Stage, StageListener
@@ -47,7 +48,8 @@ def compare_with_springs(
         on_stage: receives each stage as it begins.
 
     Returns:
-        ``found`` with the fits of the model with springs.
+        ``found`` with the fits of the model with springs; ``found`` alone where no joint has a rotor of its own, and
+        where the best fit leaves so little that no spring can gain its price.
 
     Raises:
         PlantError: the model cannot be loaded.
@@ -56,7 +58,9 @@ def compare_with_springs(
     rigid = set(range(1, arm.n + 1)) - {*arm.manifest["flexible"]}
     if not any(arm.parameters[f"motor_inertia_{j}"] for j in rigid):
         return found  # no rotor that could turn by itself
-    budget = found.fits[0].sensitivities.shooting.budget
+    lead, budget = sort_by_evidence(found.fits)[0], found.fits[0].sensitivities.shooting.budget
+    if not can_gain(lead):
+        return found
     if budget.is_left_out("springs in joints that the robot file calls rigid"):
         return found
     flexible = load_with_springs(robot, arm)
@@ -72,12 +76,27 @@ def compare_with_springs(
         with_numbers=any(one.is_number for one in found.candidates.members),
     ).with_spike_scale(found.candidates.spike_scale)
     at, field = _start_spring_fits(shooting, candidates, found)
-    lead = sort_by_evidence(found.fits)[0]
-    least = -np.inf
-    if not leaves_much(lead, found.fits):  # a good fit must gain by springs before anything is tried beside them
-        least = lead.evidence_here
-    fits = run_races(at, candidates, field, on_stage, least)
+    fits = run_races(at, candidates, field, on_stage, find_least_evidence(lead, found.fits))
     return replace(found, fits=tuple(drop_columns(sort_by_evidence([*found.fits, *fits]))))
+
+
+def find_least_evidence(lead: Fit, fitted: Sequence[Fit]) -> float:
+    """Find the log evidence that springs must reach before anything is tried beside them: as much as a good fit has. A
+    fit that leaves much is good where an effect need not explain a share of it, and springs may then be a close call.
+
+    Args:
+        lead: the best fit without springs.
+        fitted: all fits without springs.
+
+    Returns:
+        The log evidence.
+
+    """
+    if not leaves_much(lead, fitted):
+        return lead.evidence_here
+    if lead.misfit_temperature > 1.0:
+        return -np.inf
+    return lead.evidence_here - SEARCH.close_call_margin
 
 
 def load_with_springs(robot: str | Path, arm: Arm) -> Arm:

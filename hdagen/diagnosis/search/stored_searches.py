@@ -91,7 +91,7 @@ def write_searches(found: Searches, path: Path) -> None:
     tree = json.dumps({"objects": writer.objects, "root": root}, separators=(",", ":"))
     file = io.BytesIO()
     arrays = {f"array_{k}": array for k, array in enumerate(writer.arrays)}
-    np.savez(file, allow_pickle=False, tree=np.frombuffer(tree.encode(), np.uint8), **arrays)
+    np.savez(file, tree=np.frombuffer(tree.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
     write_atomically(path, file.getvalue())
 
 

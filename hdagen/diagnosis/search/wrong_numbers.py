@@ -67,7 +67,7 @@ def choose_wrong_numbers(fit: Fit) -> tuple[int, ...]:
     shown = sorted({c.candidate for c in words.columns} - {-1, *fit.effects})
     possible = [k for k in shown if words.members[k].is_number and words.members[k].name not in words.active]
     possible = [k for k in possible if words.is_compatible(at.shooting.arm, k, fit.effects)]
-    misfit, chosen = fit.noise_only_evidence - fit.evidence_here, fit.effects
+    misfit, chosen = fit.misfit, fit.effects
     first = here = score_candidate_sets(found, words, [chosen])[0].evidence
     while possible and len(chosen) < SEARCH.most_members_of_set:
         best = score_candidate_sets(found, words, [(*chosen, k) for k in possible])[0]
