@@ -9,6 +9,8 @@ from typing import NamedTuple
 UNIT_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 # Units that take a prefix on their first part; kg carries one already and stays.
 PREFIXED_UNIT = re.compile(r"(m|s|A|N|V|W|J|Hz|Pa|rad)\b")
+# "name (unit)", where the unit may have brackets of its own, as rad/(N m) has.
+LABEL_WITH_UNIT = re.compile(r"(.*?\S)\s*\(((?:[^()]|\([^()]*\))+)\)\s*", re.DOTALL)
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS_SIGN = "\N{MINUS SIGN}"
 
@@ -50,7 +52,7 @@ def scale_quantity(label: str, largest: float) -> Quantity:
 
     """
     name, unit = label.strip(), ""
-    if found := re.fullmatch(r"(.*\S)\s*\(([^()]+)\)\s*", label, re.DOTALL):
+    if found := LABEL_WITH_UNIT.fullmatch(label):
         name, unit = found[1], found[2]
     if not (math.isfinite(largest) and largest > 0) or 0.1 <= largest < 1e4:
         return Quantity(name, unit, 1.0, unit)

@@ -290,6 +290,9 @@ def test_quantities_take_a_prefix_only_where_the_unit_does() -> None:
     assert scale_quantity("stiffness (N m/rad)", 16e3)[:2] == ("stiffness", "kN m/rad")
     assert scale_quantity("mass (kg)", 2e-5)[:2] == ("mass", "10⁻⁶ kg")
     assert scale_quantity("share (%)", 0.02)[:2] == ("share", "%")
+    assert scale_quantity("compliance (rad/(N m))", 1.4e-4)[:2] == ("compliance", "µrad/(N m)")
+    assert scale_quantity("stiffening (1/(N m))", 25.0) == ("stiffening", "1/(N m)", 1.0, "1/(N m)")
+    assert scale_quantity("torque (of joint 1) (N m)", 0.5)[:2] == ("torque (of joint 1)", "N m")
     assert [format_number(x) for x in (0.021434, -1.5, 0.0, math.nan, 60_000, 1.25e-7, -math.inf, 9.99996)] == [
         "0.02143", "−1.5", "0", "–", "60000", "1.25×10⁻⁷", "−∞", "10",
     ]  # fmt: skip
