@@ -114,7 +114,7 @@ def adopt(
     text = made.file.to_bytes()
     if out is not None:
         _write_robot_file(label, text)
-    notes = _write_notes(notes, made)
+    notes = [*_write_notes(notes, made), *_note_open_smoothing(arm, made)]
     lines = raw.decode("utf-8-sig").splitlines(), text.decode("utf-8-sig").splitlines()
     difference = difflib.unified_diff(*lines, str(path), str(out or "corrected"), lineterm="")
     return AdoptedRobot(text.decode("utf-8-sig"), (*made.changes, *made.settings), tuple(notes), tuple(difference))
@@ -180,6 +180,21 @@ def _write_notes(notes: Sequence[str], made: _Candidate) -> list[str]:
     if not made.changes:
         said.append("The diagnosis changes nothing: what is written is the robot file as it was.")
     return said
+
+
+def _note_open_smoothing(arm: Arm, made: _Candidate) -> list[str]:
+    """A sentence for each drive whose smoothing of friction the file leaves open, and which widens by itself."""
+    written = {change.where for change in made.settings}
+    notes = []
+    for j in range(1, arm.n + 1):
+        before, after = (one.robot["joints"][j - 1]["drive"]["friction_smoothing"] for one in (arm, made.found))
+        place = str(NumberPlace("drive", j, "friction_smoothing"))
+        if after["nominal"] > before["nominal"] and place not in written:
+            notes.append(
+                f"{place}: left open, and widens from {before['nominal']:.6g} to {after['nominal']:.6g} rad/s with the "
+                "friction; this is of the integration, and the robot is the same."
+            )
+    return notes
 
 
 def _build_candidate(candidate: Path, file: RobotFile, arm: Arm, profile: str) -> tuple[Arm, list[Change]]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.data_quality.channel_check_settings import CHANNEL_CHECK
 from hdagen.data_quality.finding import Finding, RobotFacts, Severity
@@ -199,6 +200,16 @@ def _find_cut_runs(log: Log, name: str) -> list[tuple[int, int]]:
             moves[max(start - 1 - CHANNEL_CHECK.speed_rows, 0) : start - 1],
             moves[stop : stop + CHANNEL_CHECK.speed_rows],
         )
-        if all(len(side) == CHANNEL_CHECK.speed_rows and np.abs(np.median(side)) > least for side in sides):
-            cut.append((start, stop))
+        if all(len(side) == CHANNEL_CHECK.speed_rows for side in sides):
+            before, after = sides
+            if min(_find_speed_at_end(before), _find_speed_at_end(after[::-1])) > least:
+                cut.append((start, stop))
     return cut
+
+
+def _find_speed_at_end(moves: Array) -> float:
+    """The speed with which moves of several rows end: their median, or less where they come to rest by themselves."""
+    slope, _ = np.polyfit(np.arange(len(moves)), moves, 1)
+    median = float(np.median(moves))
+    going_on = median + slope * (len(moves) - 1) / 2 + 2 * slope  # the last row beside the run is cut off somewhere
+    return min(abs(median), np.sign(median) * going_on)

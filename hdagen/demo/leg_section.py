@@ -7,6 +7,7 @@ import numpy as np
 from hdagen.adoption.verdict import FACTOR
 from hdagen.arm.arrays import Array
 from hdagen.demo.leg_diagnosis import HIDDEN_EFFECT, JOINT_LABELS, LegDiagnosis
+from hdagen.diagnosis.report.effect_words import join_effects, name_effect, name_kind
 from hdagen.model_export.mujoco_machine import MUJOCO_MISSING
 from hdagen.pages import figure, page
 from hdagen.pages.number_table import TableCell
@@ -59,8 +60,8 @@ def _describe_cause(leg: LegDiagnosis) -> str:
     """One sentence on the verdict."""
     share = 100 * leg.content["hypotheses"][0]["probability"]
     if not leg.names_hidden_effect:
-        named = ", ".join(leg.content["verdict"]) or "no effect"
-        return f"The diagnosis names {named} and misses the hidden effect, {HIDDEN_EFFECT}."
+        named = join_effects(leg.content["verdict"], JOINT_LABELS) or "no effect"
+        return f"The diagnosis names {named} and misses the hidden effect, {name_effect(HIDDEN_EFFECT, JOINT_LABELS)}."
     return (
         f"The cause is the dry friction of the knee, too small in the robot file by {_find_factor(leg):.1f} times "
         f"(probability {share:.0f}{NO_BREAK_SPACE}%)."
@@ -104,15 +105,14 @@ def _list_held_out(leg: LegDiagnosis) -> list[tuple[float, float, str]]:
 
 def _build_cause_section(leg: LegDiagnosis) -> page.Section:
     rows: list[list[TableCell]] = [
-        [" + ".join(one["effects"]) or "no effect", 100 * one["probability"]]
+        [join_effects(one["effects"], JOINT_LABELS) or "no effect", 100 * one["probability"]]
         for one in leg.content["hypotheses"][:SHOWN_HYPOTHESES]
     ]
     ranking = figure.draw_table(
         "Most probable explanations",
-        ("effect@joint", "probability (%)"),
+        ("effects", "probability (%)"),
         rows,
         digits=3,
-        caption="Joint 1 is the hip, joint 2 the knee.",
     )
     numbers: list[list[TableCell]] = []
     for cause in leg.content["causes"]:
@@ -121,7 +121,7 @@ def _build_cause_section(leg: LegDiagnosis) -> page.Section:
         for name, entry in ((name, entry) for name, entry in cause["parameters"].items() if name != FACTOR):
             own = leg.arm.parameters.get(f"{name}_{cause['joint']}")
             change = None if not own else f"{entry['value'] / own:.3g} times"
-            label = f"{name.replace('_', ' ')}, {JOINT_LABELS[cause['joint'] - 1]}"
+            label = f"{name_kind(name)}, {JOINT_LABELS[cause['joint'] - 1]}"
             numbers.append([label, own, entry["value"], entry["std"], change, entry["unit"]])
     found = figure.draw_table(
         "The wrong number",

@@ -64,7 +64,7 @@ def describe_left_out(robot: CorrectedRobot, shares: Mapping[str, float] | None,
 
     Args:
         robot: The robot.
-        shares: The share of the closed gap that each leaves, as ``name@joint``; None: the diagnosis' own shares.
+        shares: The share of the closed gap that each leaves, as ``name@joint``; None where no proof measured it.
         simulator: The name of the simulator or format.
 
     Returns:
@@ -75,12 +75,17 @@ def describe_left_out(robot: CorrectedRobot, shares: Mapping[str, float] | None,
         return {}
     acting = {f"{name}@{joint}" for name, joint in list_unheld_effects(robot.corrected)}
     stated = [f"{effect.name}@{effect.joint}" for effect in robot.stated.effects]
-    known = _read_shares(robot.content or {}) if shares is None else shares
+    found = _read_shares(robot.content or {})
     sentences = {}
     for effect in (one for one in stated if one in acting):
-        left = "its share of the gap is not known; --prove LOG measures it"
-        if effect in known:
-            left = f"it leaves {100 * known[effect]:.0f} % of the gap that the diagnosis closes"
+        left = "its share of the gap is not known; export mjcf --prove LOG measures what it leaves"
+        if shares is not None and effect in shares:
+            left = f"it leaves {100 * shares[effect]:.0f} % of the gap that hdagen closes"
+        elif shares is None and effect in found:
+            left = (
+                f"the diagnosis gives it {100 * found[effect]:.0f} % of the closed gap; "
+                "export mjcf --prove LOG measures what it leaves"
+            )
         sentences[effect] = f"{simulator} has no element for it, and {left}."
     return sentences
 

@@ -248,16 +248,16 @@ def _draw_still(view: _View, scene: _Scene) -> str:
             )
         )
         poses = ""  # of the first arm alone
-    for begin, end, force in scene.pushes:
-        at = int(np.searchsorted(scene.time, (begin + end) / 2))
-        if scene.arms and at < size:
-            arrow = _draw_arrow(view, scene.arms[0][2][at, -1], force, _find_largest_force(scene.pushes))
-            parts.append(build_element("g", arrow, class_="arrows", opacity=0.75))
     for rank, (_, color, points) in enumerate(scene.arms):  # the first is the thickest, so that none hides another
         live = ""
         if size:
             live = _draw_pose(view, points[0], 0.9, 5 + 4 * (len(scene.arms) - 1 - rank))
         parts.append(group_in_color(color, _draw_line("", 2.6, class_="trail"), live, class_="live"))
+    for begin, end, force in scene.pushes:  # above the arms, which would hide their sizes
+        at = int(np.searchsorted(scene.time, (begin + end) / 2))
+        if scene.arms and at < size:
+            arrow = _draw_arrow(view, scene.arms[0][2][at, -1], force, _find_largest_force(scene.pushes))
+            parts.append(build_element("g", arrow, class_="arrows", opacity=0.75))
     parts.append(
         build_element("g", _draw_arrow(view, np.zeros(2), (0.0, 0.0), 1.0), class_="push", visibility="hidden")
     )

@@ -60,6 +60,17 @@ def test_friction_that_its_smoothing_does_not_carry_gets_a_wider_one(tmp_path: P
 
 
 @pytest.mark.usefixtures("uncompiled")
+def test_smoothing_that_the_file_leaves_open_is_said_to_widen(tmp_path: Path) -> None:
+    text = AT_JOINT_SCALE.replace("coulomb_friction = 0.03", "coulomb_friction = 1.0").replace("0.00013", "0.1")
+    found = adopted(tmp_path, text, named("coulomb_friction@1", coulomb_friction=20.0))
+    assert "friction_smoothing" not in found.text
+    said = [note for note in found.notes if "friction_smoothing: left open, and widens from" in note]
+    assert len(said) == 1
+    unchanged = adopted(tmp_path, text, named("current_bias@1", bias=0.01))
+    assert not any("friction_smoothing" in note for note in unchanged.notes)
+
+
+@pytest.mark.usefixtures("uncompiled")
 def test_damping_that_its_step_does_not_carry_gets_a_smaller_one(tmp_path: Path) -> None:
     text = "# base\n" + arms.arm("R").replace("step = 0.0005\n", "").replace("damping = 6.0", "damping = 60.0")
     found = adopted(tmp_path, text, named("joint_damping@1", torsional_damping=1000.0))

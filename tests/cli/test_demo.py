@@ -176,7 +176,7 @@ def test_a_missed_effect_is_said(
     monkeypatch.setattr(demo_runs, "run_demo", lambda *_, **__: missed)
     assert command() == 1
     assert "coulomb_friction@2 must be found" in capsys.readouterr().out
-    assert "names unknown@2 and misses the hidden effect" in (here / "hdagen-demo.html").read_text("utf-8")
+    assert "names unknown on knee (2) and misses the hidden effect" in (here / "hdagen-demo.html").read_text("utf-8")
 
 
 def test_without_mujoco_the_demo_ends_after_adopt_with_one_line(
@@ -206,8 +206,9 @@ def test_the_last_line_is_for_the_users_own_robot(
 
 def test_names_that_are_html_are_text(shown: demo_runs.DemoResult, tmp_path: Path) -> None:
     cause = dict(shown.leg.content["causes"][0]) | {"parameters": {NAME: {"value": 1.0, "std": 1.0, "unit": NAME}}}
-    content = dict(shown.leg.content) | {"causes": [cause], "verdict": [f"{cause['effect']}@{cause['joint']}", NAME]}
-    content["hypotheses"] = [{"effects": [NAME], "probability": 1.0}]
+    content = dict(shown.leg.content) | {"causes": [cause]}
+    content["verdict"] = [f"{cause['effect']}@{cause['joint']}", f"{NAME}@2"]
+    content["hypotheses"] = [{"effects": [f"{NAME}@2"], "probability": 1.0}]
     odd = dataclasses.replace(shown, leg=dataclasses.replace(shown.leg, content=content))
     demo_page.write_demo_page(tmp_path / "page.html", odd)
     check_escaped((tmp_path / "page.html").read_text(encoding="utf-8"), 3)

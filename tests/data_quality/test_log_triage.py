@@ -442,7 +442,7 @@ def there_and_back(time: np.ndarray, rest: float) -> np.ndarray:
     return -1 + 2 * np.where(half < 0.5, 2 * half**2, 1 - 2 * (1 - half) ** 2)
 
 
-@pytest.mark.parametrize("period", [1e-3, 5e-3])
+@pytest.mark.parametrize("period", [1e-3, 5e-3, 1e-2, 2e-2])
 @pytest.mark.parametrize("step", [2 * np.pi / 4096, 2 * np.pi / 2**20])
 def test_a_joint_that_rests_at_its_turning_points_is_not_cut_off(period: float, step: float) -> None:
     time = np.arange(0, 8, period)

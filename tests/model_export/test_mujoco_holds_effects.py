@@ -119,6 +119,7 @@ def test_the_remainder_of_what_mujoco_lacks_is_stated(arm: Arm, tmp_path: Path) 
 OTHERS = (
     *("stribeck_friction", "load_dependent_friction", "position_dependent_friction", "presliding_friction"),
     *("torque_ripple", "kinematic_error", "kinematic_torsion", "transmission_hysteresis", "link_flexibility"),
+    *("thermal_friction", "voltage_sag", "base_compliance", "encoder_eccentricity", "encoder_bias"),
 )
 
 

@@ -176,7 +176,7 @@ def score_hypotheses(
     lead = next((fit for fit in search.fits if not predicted.get(fit.names)), search.fits[0])
     evidence, stands, own = _collect_evidence(search, fits, lead.temperature)
     large = _add_screened(search, evidence, lead.misfit_temperature)
-    weight = _weigh_hypotheses(evidence, large, predicted)
+    weight = _weigh_hypotheses(evidence, large, predicted, frozenset(search.candidates.list_absent_numbers()))
     for names in sorted(fits, key=len):
         if (more := _add_shifted_base_parameters(fits[names])) != names and evidence.get(more, -np.inf) > evidence[
             names
@@ -249,15 +249,20 @@ def _weigh_hypotheses(
     evidence: Mapping[tuple[str, ...], float],
     large: Mapping[tuple[str, ...], float],
     predicted: Mapping[tuple[str, ...], float],
+    absent: frozenset[str],
 ) -> dict[tuple[str, ...], float]:
     """Posterior weights of sets, from their log ``evidence``, the ``predicted`` log odds and the prior.
 
-    ``large`` has the share of a set's weight whose effects are as large as counts; the rest goes to no effect.
+    Numbers that are ``absent`` in the robot file are as likely there as not: no motor is without a rotor. ``large`` has
+    the share of a set's weight whose effects are as large as counts; the rest goes to no effect.
     """
     count = sum(len(names) == 1 for names in evidence)
     told = {names: e + predicted.get(names, predicted.get((), 0.0)) for names, e in evidence.items()}
     top = max(told.values())
-    weight = {names: _compute_prior(len(names), count) * float(np.exp(value - top)) for names, value in told.items()}
+    weight = {
+        names: _compute_prior(len(set(names) - absent), count) * float(np.exp(value - top))
+        for names, value in told.items()
+    }
     for names, share in large.items():
         weight[()] += (1.0 - share) * weight[names]
         weight[names] *= share

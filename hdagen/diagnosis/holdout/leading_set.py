@@ -57,10 +57,15 @@ def _lead_with_better_set(decision: Decision, measure: Callable[[Decision], Gap]
 
 def _lead_with_ordinary_frictions(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
     """Put the smallest set of ordinary frictions first of those that leave least, where it leaves less than the leader
-    or stands for a rarer friction of it."""
-    if not _has_friction(decision.best):
+    or stands for a rarer friction of it. Sets with the leader's own frictions have nothing to say about these."""
+    own = _list_frictions(decision.best)
+    if not own:
         return decision
-    others = {h.names: h for h in decision.hypotheses if h.fit and h.names != decision.verdict and is_ordinary(h.fit)}
+    others = {
+        h.names: h
+        for h in decision.hypotheses
+        if h.fit and h.names != decision.verdict and is_ordinary(h.fit) and _list_frictions(h.fit) != own
+    }
     large = {keep_present_effects(h.fit) for h in others.values() if h.fit}
     tried = [exchange_leader(decision, others[names]) for names in sorted(large & others.keys())]
     gaps = {one.verdict: measure(one) for one in tried}
@@ -75,10 +80,10 @@ def _lead_with_ordinary_frictions(decision: Decision, measure: Callable[[Decisio
     return best if is_rare and is_gap_alike(told, ordinary) else decision
 
 
-def _has_friction(fit: Fit) -> bool:
-    """Tell whether a fit has a friction."""
+def _list_frictions(fit: Fit) -> frozenset[str]:
+    """The frictions of a fit, name@joint."""
     members = fit.sensitivities.candidates.members
-    return any(members[k].traits.is_friction for k in fit.effects)
+    return frozenset(members[k].name for k in fit.effects if members[k].traits.is_friction)
 
 
 def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:

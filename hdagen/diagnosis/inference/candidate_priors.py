@@ -242,6 +242,10 @@ class CandidateSet:
         own = self.amplitude_columns((k,))
         return self.members[k].is_number and len(own) == 1 and not self.columns[own[0]].stated
 
+    def list_absent_numbers(self) -> list[str]:
+        """List the candidates, name@joint, that are numbers which the robot file states as 0."""
+        return [one.name for k, one in enumerate(self.members) if self.is_absent_number(k)]
+
     def measure_size(self, k: int, theta: Array) -> float:
         """Measure the size of a candidate. That of a number that the robot file states is the logarithm of its factor,
         as it may be too large by as many times as too small. A number that is 0 in the file has no factor.

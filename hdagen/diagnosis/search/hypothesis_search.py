@@ -43,7 +43,7 @@ from hdagen.diagnosis.search.null_model import make_nominal_point
 from hdagen.diagnosis.search.ordinary_frictions import fit_ordinary_frictions
 from hdagen.diagnosis.search.ripple_order import add_ripple_orders
 from hdagen.diagnosis.search.search_settings import SEARCH
-from hdagen.diagnosis.search.whole_drives import fit_whole_drives
+from hdagen.diagnosis.search.whole_drives import fit_whole_drives, list_absent_inertias
 from hdagen.diagnosis.search.wrong_numbers import (
     choose_wrong_numbers,
     free_wrong_numbers,
@@ -100,6 +100,10 @@ def search_hypotheses(shooting: MultipleShooting, words: CandidateSet, on_stage:
     field = [start_fit(at, words, (), none.posterior.s)]
     if shooting.budget.is_left_out("fits of single effects", (atom.name for atom in words.members)):
         return SearchResult(words, tuple(field), tuple(screened))
+    if regression and list_absent_inertias(words):
+        field.append(fit_whole_drives(regression, at, words, none.posterior.s))
+        if not leaves_much(field[1], field):
+            return SearchResult(words, tuple(run_races(at, words, field, on_stage)), tuple(screened))
     starts = scan_sizes(at, words, far=far)
     at.cross_products.drop_caches()
     field += start_promising(at, words, screened, starts, (), SEARCH.race_sizes[0], SEARCH.least_evidence_gain)
@@ -111,7 +115,6 @@ def search_hypotheses(shooting: MultipleShooting, words: CandidateSet, on_stage:
     fits = run_races(at, words, field, on_stage)
     if regression and not shooting.budget.is_left_out("ordinary frictions in place of the leading ones"):
         fits = drop_columns(sort_by_evidence([*fits, *fit_ordinary_frictions(regression, at, words, fits)]))
-        fits = sort_by_evidence([*fits, *fit_whole_drives(regression, at, words, fits)])
     return SearchResult(words, tuple(fits), tuple(screened))
 
 

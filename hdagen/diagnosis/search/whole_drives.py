@@ -8,7 +8,6 @@ that nothing explains. The regression of the torque knows about where all of the
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 
 from hdagen.diagnosis.inference.alternative_starts import refit_from_start
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
@@ -16,50 +15,33 @@ from hdagen.diagnosis.inference.gauss_newton import place_sizes
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
-from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_race import continue_fit
 from hdagen.diagnosis.search.ordinary_frictions import list_ordinary_frictions
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.search.wrong_numbers import drop_unneeded
-from hdagen.support.parallel import map_in_threads
 
 LOGGER = logging.getLogger(__name__)
 
 
-def fit_whole_drives(
-    regression: TorqueRegression, at: Sensitivities, candidates: CandidateSet, fits: Sequence[Fit]
-) -> list[Fit]:
-    """Fit all drives' frictions and absent inertias at once, alone and beside the leader's other effects.
+def fit_whole_drives(regression: TorqueRegression, at: Sensitivities, candidates: CandidateSet, near: float) -> Fit:
+    """Fit all drives' frictions and absent inertias at once, and drop the members that are not worth their price.
 
     Args:
         regression: the regression of the record, with the same candidates.
         at: sensitivities about the robot file's numbers.
-        candidates: all candidates.
-        fits: the fits of the search.
+        candidates: all candidates; some are absent inertias.
+        near: unexplained torque about which the fit looks for its own, as the null model has it.
 
     Returns:
-        The fits, without columns, each without the members that are not worth their price; none where the file states
-        every motor's inertia, or is taken as right.
+        The fit.
 
     """
-    absent = list_absent_inertias(candidates)
-    if not absent:
-        return []
-    lead = sort_by_evidence(fits)[0]
-    drives = (*list_ordinary_frictions(candidates), *absent)
-    beside = [k for k in lead.effects if k < len(candidates.members) and not candidates.members[k].traits.is_friction]
-    near = lead.score.posterior.s
-    candidates = candidates.with_spike_scale(lead.sensitivities.candidates.spike_scale)
-
-    def fit_set(atoms: tuple[int, ...]) -> Fit:
-        LOGGER.info("fitting %s, from the regressed torque", " + ".join(candidates.names_of(atoms)))
-        start = place_sizes(at, candidates, atoms, regression.fit_set(atoms).theta)
-        begun = start_fit(at, candidates, atoms, near, start)
-        whole = _restart_fit(continue_fit(begun, candidates, SEARCH.most_further_steps, 1.0), at, candidates)
-        return drop_unneeded(whole, candidates, drives).without_columns()
-
-    sets = dict.fromkeys(tuple(sorted({*drives, *own})) for own in ((), beside))
-    return map_in_threads(fit_set, list(sets))
+    drives = tuple(sorted((*list_ordinary_frictions(candidates), *list_absent_inertias(candidates))))
+    LOGGER.info("fitting %s, from the regressed torque", " + ".join(candidates.names_of(drives)))
+    start = place_sizes(at, candidates, drives, regression.fit_set(drives).theta)
+    begun = start_fit(at, candidates, drives, near, start)
+    whole = _restart_fit(continue_fit(begun, candidates, SEARCH.most_further_steps, 1.0), at, candidates)
+    return drop_unneeded(whole, candidates, drives)
 
 
 def _restart_fit(fit: Fit, at: Sensitivities, candidates: CandidateSet) -> Fit:

@@ -19,6 +19,7 @@ from hdagen.diagnosis.decision.posterior import (
     _add_shifted_base_parameters,
     _compute_unknown_odds,
     _drop_negligible,
+    _weigh_hypotheses,
     conclude_verdict,
     measure_effect_sizes,
     score_hypotheses,
@@ -115,6 +116,7 @@ def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
         measure_size=lambda k, theta: abs(theta[k]),
         to_theta=lambda p: p,
         presence_threshold=lambda k: 0.3,
+        list_absent_numbers=list,
     )
     words.names_of = lambda some: tuple(sorted(atoms[k].name for k in some))
 
@@ -318,3 +320,11 @@ def test_the_calibration_that_comes_with_the_product_is_as_it_was_frozen(tmp_pat
         calibration.read(changed)
     with pytest.raises(calibration.CalibrationError, match="cannot be read"):
         calibration.read(tmp_path / "none.json")
+
+
+def test_a_number_that_the_file_leaves_out_is_as_likely_there_as_not() -> None:
+    evidence = {(): 0.0, ("motor_inertia@1",): 0.0, ("payload@2",): 0.0, ("motor_inertia@1", "payload@2"): 0.0}
+    counted = _weigh_hypotheses(evidence, {}, {}, frozenset())
+    found = _weigh_hypotheses(evidence, {}, {}, frozenset({"motor_inertia@1"}))
+    assert found[("motor_inertia@1",)] == found[()] and found[("motor_inertia@1", "payload@2")] == found[("payload@2",)]
+    assert counted[("motor_inertia@1",)] == counted[("payload@2",)] < counted[()]

@@ -120,3 +120,11 @@ def test_far_above_the_noise_a_rarer_friction_gives_way_where_it_tells_no_more()
 def test_frictions_too_small_to_count_do_not_lead(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(leading_set, "keep_present_effects", lambda fit: fit.names[:1])
     assert lead_frictions(ROBOT_FILE_SET[:1], rarer=9.0, both=2.0, one=2.5).verdict == ROBOT_FILE_SET[:1]
+
+
+def test_a_set_with_the_leaders_frictions_takes_no_lead_from_it() -> None:
+    """Both tell the motion down to the noise, and differ in what is no friction."""
+    first, other = ROBOT_FILE_SET, (*ROBOT_FILE_SET, "torque_ripple@1")
+    fits = {names: make_fit(names) for names in (first, other)}
+    found = (Hypothesis(first, 0.9, fits[first]), Hypothesis(other, 0.05, fits[other]))
+    assert lead({first: 5.0, other: 3.0}, Decision(found, first, 0.9, 0.95, fits[first])).verdict == first

@@ -190,6 +190,17 @@ def test_what_is_said_never_leaves_more_than_the_robot_file(
     assert (gap["after"] == gap["before"]) == (model is plain)
 
 
+@pytest.mark.parametrize("names", [(), ("unknown@1",)])
+def test_a_verdict_that_changes_nothing_closes_nothing(names: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though the model with every effect at no size happens to err less than the robot file's own."""
+    monkeypatch.setattr(verdict, "apply_verdict", lambda arm, _: (arm, []))
+    plain: Any = "robot file"
+    found = withdraw_harmful(plain, plain, StatedEffects(names, ()), [motion(left(0.5, 0.5))], {})
+    assert found.effects == names and found.base_parameters == {}
+    assert found.gap["after"] == found.gap["before"]
+    assert found.is_withdrawn
+
+
 def test_what_makes_one_motion_worse_is_withdrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """The blocks that judge, or the log that is held out."""
     monkeypatch.setattr(verdict, "apply_verdict", lambda arm, _: (arm, []))

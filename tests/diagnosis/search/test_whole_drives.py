@@ -79,7 +79,7 @@ def test_rotors_and_frictions_of_all_joints_are_found_at_once(tmp_path: Path) ->
         regression = TorqueRegression.from_record(models.full, record, candidates)
         assert regression is not None
         base = start_fit(at, candidates, (), null.fit.score.posterior.s)
-        (found,) = fit_whole_drives(regression, at, candidates, [base])
+        found = fit_whole_drives(regression, at, candidates, null.fit.score.posterior.s)
     assert {name.replace("@", "_") for name in found.names} == {*TRUTH}
     assert keep_present_effects(found) == found.names
     assert found.evidence_here > base.evidence_here + 100.0
