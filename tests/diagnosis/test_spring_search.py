@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hdagen.diagnosis.search import rigid_or_flexible
-from hdagen.diagnosis.search.fit_ranking import can_gain
+from hdagen.diagnosis.search.fit_ranking import can_gain, drop_hopeless_starts
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.stages.time_budget import TimeBudget
 
@@ -59,3 +59,14 @@ def test_springs_must_reach_what_a_good_fit_has() -> None:
     assert find(leaves_much[0], leaves_much) == -np.inf
     lacks_little = [fit(72.0, (1,)), fit(99.0)]
     assert find(lacks_little[0], lacks_little) == -72.0 - SEARCH.close_call_margin
+
+
+def test_a_start_far_behind_another_of_the_same_set_is_not_fitted() -> None:
+    def begun(evidence: float, temperature: float = 1.0) -> Any:
+        return SimpleNamespace(score=SimpleNamespace(evidence=evidence), misfit_temperature=temperature)
+
+    best, near, far = begun(-100.0), begun(-100.0 - 0.9 * SEARCH.hopeless_margin), begun(-300.0)
+    assert drop_hopeless_starts([far, best, near]) == [best, near]
+    hot = begun(-100.0, 15.0)
+    assert drop_hopeless_starts([hot, far]) == [hot, far], "of a large misfit more is left to be gained"
+    assert drop_hopeless_starts([]) == []

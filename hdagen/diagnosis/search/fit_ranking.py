@@ -128,6 +128,23 @@ def keep_best_starts(fits: list[Fit]) -> tuple[list[Fit], list[Fit]]:
     return list(first.values()), [fit.without_columns() for fit in fits if first[fit.names] is not fit]
 
 
+def drop_hopeless_starts(starts: Sequence[Fit]) -> list[Fit]:
+    """Drop the starts of one set that promise far less than the best of them.
+
+    Args:
+        starts: fits before their first step.
+
+    Returns:
+        The others in the same order.
+
+    """
+    best = max(starts, key=lambda fit: fit.score.evidence, default=None)
+    if best is None:
+        return []
+    least = best.score.evidence - SEARCH.hopeless_margin * best.misfit_temperature
+    return [fit for fit in starts if fit.score.evidence >= least]
+
+
 def place_by_size(fits: Sequence[Fit]) -> Iterator[tuple[Fit, int]]:
     """Count for each fit the better ones with as many effects, the null model counting as one effect. So a set takes no
     place from a single effect.

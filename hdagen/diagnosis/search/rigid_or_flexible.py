@@ -25,7 +25,13 @@ from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
-from hdagen.diagnosis.search.fit_ranking import can_gain, drop_columns, leaves_much, sort_by_evidence
+from hdagen.diagnosis.search.fit_ranking import (
+    can_gain,
+    drop_columns,
+    drop_hopeless_starts,
+    leaves_much,
+    sort_by_evidence,
+)
 from hdagen.diagnosis.search.hypothesis_search import SearchResult, run_races
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.stages.stage import Stage, StageListener
@@ -141,7 +147,7 @@ def _start_spring_fits(
 ) -> tuple[Sensitivities, list[Fit]]:
     """Start the fits with springs: the springs alone at each size, and beside the effects found, where the springs
     alone promise less than these have reached. Then the springs alone stay only if they promise a share of that
-    gain."""
+    gain, and of each set the starts that are not far behind its best one."""
     springs = tuple(k for k, atom in enumerate(words.members) if atom.traits.series_spring and atom.has_default_shapes)
     lead, near = sort_by_evidence(found.fits)[0], found.fits[0].score.posterior.s
     none = next((fit for fit in found.fits if not fit.effects), lead)
@@ -152,15 +158,16 @@ def _start_spring_fits(
         at = compute_sensitivities(shooting, words, OperatingPoint(p, shooting.measured_initial_states(p)))
         spring_fits.append(start_fit(at, words, springs, near))
     if not beside or max(fit.score.evidence for fit in spring_fits) >= lead.evidence_here:
-        return at, spring_fits
+        return at, drop_hopeless_starts(spring_fits)
     least = none.evidence_here + SEARCH.trailing_share * (lead.evidence_here - none.evidence_here)
     field = [fit for fit in spring_fits if fit.score.evidence >= least]
+    both: list[Fit] = []
     for size in SEARCH.spring_sizes:
         p = _set_springs(shooting.arm, words, springs, _carry_over_parameters(shooting.arm, lead), size)
-        field.append(
+        both.append(
             start_fit(at, words, (*springs, *beside), near, OperatingPoint(p, shooting.measured_initial_states(p)))
         )
-    return at, field
+    return at, [*drop_hopeless_starts(field), *drop_hopeless_starts(both)]
 
 
 def _set_springs(flexible: Arm, words: CandidateSet, springs: tuple[int, ...], p: Array, size: float) -> Array:
