@@ -13,9 +13,9 @@ void hda_step_sliding(const double *x, const double *u, const double *sliding, c
  */
 typedef struct {
     double at[HDA_NX], s[HDA_N], span;
-    double left;                            /* time until the end of the step */
-    double before[HDA_N];                   /* what each joint has left at `at` */
-    double begin, end, first, last, share;  /* shares of `left` about the first change, what is left there, the trial */
+    double left;                           /* time until the end of the step */
+    double before[HDA_N];                  /* what each joint has left at `at` */
+    double begin, end, first, last, share; /* shares of `left` about the first change, what is left there, the trial */
     int decided[HDA_N], which, event, trial, side;
     enum { HDA_WHOLE, HDA_LOCATING, HDA_LAST } phase;
 } hda_passage;

@@ -241,8 +241,8 @@ static int follow_whole(const double *next, const double *u, const double *c, hd
     return 0;
 }
 
-/* The share of the part at which the margin of a joint is 0, to rounding, by regula falsi, and Illinois halves the value
- * at an end that stays; `next` is the state after the share that was tried. There the next part begins. */
+/* The share of the part at which the margin of a joint is 0, to rounding, by regula falsi, and Illinois halves the
+ * value at an end that stays; `next` is the state after the share that was tried. There the next part begins. */
 static int follow_trial(const double *next, const double *u, const double *c, hda_passage *way) {
     double margin[HDA_N];
     int push[HDA_N];

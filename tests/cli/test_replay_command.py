@@ -110,7 +110,7 @@ def test_the_command_refuses_a_diagnosis_of_another_robot(
     for stated, words in (
         ({"name": "elbow", "sha256": digest}, "of the robot 'elbow'"),
         ({"name": name, "sha256": "0" * 64}, "knows its robot file by its bytes alone"),
-        ({"name": name, "identity": "0" * 64, "sha256": digest}, "has changed since"),
+        ({"name": name, "identity": "0" * 64, "sha256": "0" * 64}, "has changed since"),
     ):
         said.write_text(json.dumps(diagnosis(robot=stated)))
         assert command(robot, log, "--with", said, "--out", files / "other.csv") == 2

@@ -7,9 +7,9 @@
  *                   send the torque, then hda_mpc_prepare(&k);   // what can be done before the next measurement
  *
  * path: the commanded motion at the tick and at the end of every node, HDA_MPC_AXES positions then as many velocities
- * each (tip: x, y, in space x, y, z, the rotation vector of its orientation, and with the velocities the angular one; else
- * joint by joint). SI units throughout. Static memory, bounded loops, no libm but what the model
- * needs. Not a safety-rated function: use it behind a certified stop. */
+ * each (tip: x, y, in space x, y, z, the rotation vector of its orientation, and with the velocities the angular one;
+ * else joint by joint). SI units throughout. Static memory, bounded loops, no libm but what the model needs. Not a
+ * safety-rated function: use it behind a certified stop. */
 #ifndef HDA_MPC_H
 #define HDA_MPC_H
 
@@ -18,7 +18,7 @@
 
 enum {
     HDA_MPC_AXES = HDA_MPC_AXES_COUNT,
-    HDA_MPC_WALL_NUMBERS = HDA_TIP + 1,            /* numbers of a wall */
+    HDA_MPC_WALL_NUMBERS = HDA_TIP + 1,               /* numbers of a wall */
     HDA_MPC_SHOWN = HDA_MPC_NY + HDA_MPC_ORIENTATION, /* what a node tells: outputs, orientation */
     HDA_MPC_PATH = 2 * HDA_MPC_AXES * (HDA_MPC_N + 1),
     HDA_MPC_FAMILIES = 7, /* motor torque, torque rate, joint position, motor speed, joint torque, tip speed, walls */
@@ -75,10 +75,10 @@ typedef struct hda_mpc_settings {
     /* 1/m^2 (1/rad^2), s^2/m^2, s^2/rad^2; torques as shares of the largest */
     double weight_position, weight_velocity, weight_posture, weight_torque, weight_rate;
     double weight_orientation, weight_turning; /* 1/rad^2, s^2/rad^2: turns of a tip in space */
-    double penalty_linear, penalty_square; /* of a soft limit, per share of the limit */
-    double tip_speed;                      /* m/s */
-    double margin;                         /* share of soft limits that is kept free */
-    double grid[HDA_MPC_N];                /* s */
+    double penalty_linear, penalty_square;     /* of a soft limit, per share of the limit */
+    double tip_speed;                          /* m/s */
+    double margin;                             /* share of soft limits that is kept free */
+    double grid[HDA_MPC_N];                    /* s */
     double mass[HDA_MPC_AXES], damping[HDA_MPC_AXES], stiffness[HDA_MPC_AXES];
     double position_low[HDA_N], position_high[HDA_N], motor_speed[HDA_N], joint_torque[HDA_N];
     double smoothing[HDA_N]; /* rad/s at the motor: width of friction's smooth sign in the prediction */
@@ -86,7 +86,7 @@ typedef struct hda_mpc_settings {
     double hold_stiffness[HDA_N], hold_damping[HDA_N];
     /* normal, offset: kept is n . tip <= offset + give */
     double walls[HDA_MPC_WALL_NUMBERS * (HDA_MPC_WALLS ? HDA_MPC_WALLS : 1)];
-    double give[HDA_MPC_WALLS ? HDA_MPC_WALLS : 1];        /* m: contact force allowed over the wall's stiffness */
+    double give[HDA_MPC_WALLS ? HDA_MPC_WALLS : 1]; /* m: contact force allowed over the wall's stiffness */
     hda_mpc_noise noise;
 } hda_mpc_settings;
 
@@ -137,11 +137,11 @@ typedef struct hda_mpc {
     double sent[2 * HDA_MPC_LATEST][HDA_N]; /* torques sent, the last first */
     double seen;                            /* stamp of the measurement that the estimate stands on */
     double yielded[2 * HDA_MPC_AXES];
-    double anchor[HDA_N];    /* motor positions that the impedance holds */
-    double hold[HDA_N];      /* torque that holds the arm, N m at the motor */
+    double anchor[HDA_N];     /* motor positions that the impedance holds */
+    double hold[HDA_N];       /* torque that holds the arm, N m at the motor */
     double expected[HDA_TIP]; /* the observed force, as it has been of late */
-    double wound[HDA_N];     /* torsion at the limit of each torque row, negative where the ratio is */
-    int32_t flexible[HDA_N]; /* joint, from 0, of each torque row */
+    double wound[HDA_N];      /* torsion at the limit of each torque row, negative where the ratio is */
+    int32_t flexible[HDA_N];  /* joint, from 0, of each torque row */
     int32_t configured, started, prepared, failures, rung;
 } hda_mpc;
 
@@ -182,7 +182,7 @@ void hda_mpc_stage_constants(const double *c, double *shared);
 void hda_mpc_linearise(hda_mpc *k);          /* trajectory -> dynamics, outputs, cost's curvature, rows */
 void hda_mpc_set_torsion_limits(hda_mpc *k); /* torsions at the limits of the joint torques */
 void hda_mpc_set_bounds(hda_mpc *k);         /* trajectory and limits -> bounds of the rows */
-void hda_mpc_set_targets(hda_mpc *k, const double *path, const double *force); /* target -> slope of the cost */
+void hda_mpc_set_targets(hda_mpc *k, const double *path, const double *force);  /* target -> slope of the cost */
 void hda_mpc_begin_admittance(hda_mpc *k, const double *q, const double *path); /* displaced as far as the arm is */
 void hda_mpc_step_admittance(hda_mpc *k, const double *force);                  /* one period of the admittance */
 void hda_mpc_shift_plan(hda_mpc *k);                            /* trajectory and active set, one period on */

@@ -6,8 +6,7 @@ enum {
     HDA_MPC_REPORT_REAL = sizeof(hda_mpc_report) / sizeof(double),
     HDA_MPC_QP_REAL = sizeof(hda_mpc_qp) / sizeof(double),
     HDA_MPC_WHOLE_REAL = HDA_MPC_NX + HDA_MPC_N * HDA_N + 4 * HDA_N + HDA_MPC_SHARED + HDA_WRENCH +
-        (HDA_MPC_N + 2) * HDA_MPC_NY + 4 * HDA_MPC_ROWS + HDA_MPC_N +
-        HDA_MPC_N * HDA_MPC_SHOWN,
+        (HDA_MPC_N + 2) * HDA_MPC_NY + 4 * HDA_MPC_ROWS + HDA_MPC_N + HDA_MPC_N * HDA_MPC_SHOWN,
     HDA_MPC_SOLUTION_REAL = sizeof(hda_mpc_solution) / sizeof(double)
 };
 

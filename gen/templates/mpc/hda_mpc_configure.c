@@ -37,9 +37,9 @@ static int check_soft_limits(const hda_mpc_settings *s) {
 }
 
 static int find_wrong_setting(const hda_mpc_settings *s, double period) {
-    const double weights[] = {s->weight_position, s->weight_velocity, s->weight_posture, s->weight_torque,
-                              s->weight_rate,     s->weight_orientation, s->weight_turning, s->penalty_linear,
-                              s->penalty_square,  s->decay};
+    const double weights[] = {
+        s->weight_position,    s->weight_velocity, s->weight_posture, s->weight_torque,  s->weight_rate,
+        s->weight_orientation, s->weight_turning,  s->penalty_linear, s->penalty_square, s->decay};
     if (hda_not_finite((const double *)s, REALS)) return HDA_MPC_NUMBER;
     for (int node = 0; node < N; node++)
         if (!(s->grid[node] >= period * (1.0 - 1e-9) && s->grid[node] <= LONGEST_NODE)) return HDA_MPC_GRID;

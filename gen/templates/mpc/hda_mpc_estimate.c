@@ -172,8 +172,7 @@ void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const doub
         take_reading(e, links[j], m->joint_position[j], noise->joint[j]);
     }
     const double encoders = e->innovation;
-    for (int i = 0; i < HDA_WRENCH && by_sensor; i++)
-        take_reading(e, AT_FORCE + i, m->tip_force[i], noise->reading[i]);
+    for (int i = 0; i < HDA_WRENCH && by_sensor; i++) take_reading(e, AT_FORCE + i, m->tip_force[i], noise->reading[i]);
     e->innovation = encoders;
     for (int j = 0; j < E; j++)
         for (int i = 0; i < j; i++) e->P[j * E + i] = e->P[i * E + j] = 0.5 * (e->P[j * E + i] + e->P[i * E + j]);

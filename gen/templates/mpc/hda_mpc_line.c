@@ -109,7 +109,8 @@ static void gather_lanes(const double *from, int count, int first, int last, V *
 }
 
 static void linearise_steps(hda_mpc *k, int first) {
-    V x[NX], T[NU], F[HDA_WRENCH], rate[NX], J[NX * HALF], by_T[HALF * NU], Phi[NX * NX], A[NX * NX], B[NX * NU], next[NX], h;
+    V x[NX], T[NU], F[HDA_WRENCH], rate[NX], J[NX * HALF], by_T[HALF * NU], Phi[NX * NX], A[NX * NX], B[NX * NU],
+        next[NX], h;
     gather_lanes(k->x, NX, first, N - 1, x);
     gather_lanes(k->T, NU, first, N - 1, T);
     gather_lanes(k->settings.grid, 1, first, N - 1, &h);

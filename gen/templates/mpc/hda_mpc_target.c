@@ -1,7 +1,8 @@
 /* The target, the cost's slope, the rows' bounds, and the trajectory one period on.
  *
  * Legend: M x'' + B x' + K x = F the wanted admittance about the commanded path; F the tip force, which fades at
- * `decay` over the horizon. In space the same holds for the rotation vector of a turn, pulled by D'm (hda_mpc_axes.h). */
+ * `decay` over the horizon. In space the same holds for the rotation vector of a turn, pulled by D'm (hda_mpc_axes.h).
+ */
 #include "hda_mpc.h"
 
 #include <math.h>
@@ -216,7 +217,8 @@ static void force_along_axes(const hda_mpc *k, const double *force, double *axis
 static void carry_target(const hda_mpc *k, int span, const double *force, double *yielded) {
     double pull[AXES];
     axes_pull(yielded, force, pull);
-    for (int a = 0; a < AXES; a++) carry_admittance(k->carry[span * AXES + a], pull[a], yielded + a, yielded + AXES + a);
+    for (int a = 0; a < AXES; a++)
+        carry_admittance(k->carry[span * AXES + a], pull[a], yielded + a, yielded + AXES + a);
 }
 
 void hda_mpc_begin_admittance(hda_mpc *k, const double *q, const double *path) {

@@ -107,6 +107,10 @@ class Stands(SimpleNamespace):
     def __hash__(self) -> int:  # type: ignore[override]
         return id(self)
 
+    @property
+    def misfit(self) -> float:
+        return float(self.noise_only_evidence - self.evidence_here)
+
 
 def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
@@ -255,8 +259,7 @@ def fit(s: float, left: float, level: float = 1.0, lacks: float | None = None) -
     reached = -100.0 * (left if lacks is None else lacks)
     return SimpleNamespace(
         score=SimpleNamespace(posterior=at),
-        evidence_here=reached,
-        noise_only_evidence=0.0,
+        misfit=-reached,
         unexplained_torque=np.array([left, 0.0]),
     )
 

@@ -176,6 +176,7 @@ class Runner(SimpleNamespace):
     """A fit that stands, with nothing to let go of."""
 
     has_columns, has_converged, misfit_temperature, noise_only_evidence = True, True, 1.0, 0.0
+    misfit = property(lambda self: -self.evidence_here)
     sensitivities = SimpleNamespace(shooting=UNLIMITED, drop_products=lambda: None)
 
     def without_columns(self) -> Any:
