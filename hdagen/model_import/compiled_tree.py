@@ -140,7 +140,7 @@ def compile_tree(file: ModelFile) -> Tree:
     notes = _check_elements(spec)
     forces = _find_actuators(spec)
     coupled, looped = _find_equations(spec)
-    tensors = {body.name: _read_tensor(mujoco, body) for body in spec.bodies if body.name}
+    tensors = {body.name: _read_tensor(mujoco, body, file) for body in spec.bodies if body.name}
     try:
         weightless = strip_geometry(spec, file)
         impossible = replace_impossible_inertias(spec, tensors) - weightless if file.is_urdf else set[str]()
@@ -207,15 +207,15 @@ def _check_finite(model: Any, file: ModelFile) -> None:
     for kind, count, names in (("body", model.nbody, of_bodies), ("joint", model.njnt, of_joints)):
         for k in range(count):
             if not all(_are_usable(getattr(model, name)[k]) for name in names):
-                raise ModelError(
-                    f"{file.label}, {kind} {getattr(model, kind)(k).name}: found NaN, infinity or a number beyond"
-                    f" {LARGEST_NUMBER:g}, possible are numbers; correct it."
-                )
+                raise _refuse_number(file, f", {kind} {getattr(model, kind)(k).name}")
     if not (_are_usable(model.qpos0) and _are_usable(model.opt.gravity)):
-        raise ModelError(
-            f"{file.label}: found NaN, infinity or a number beyond {LARGEST_NUMBER:g} in <option> or ref, possible are"
-            " numbers; correct it."
-        )
+        raise _refuse_number(file, "", " in <option> or ref")
+
+
+def _refuse_number(file: ModelFile, element: str, place: str = "") -> ModelError:
+    """The refusal of a number that no arithmetic carries."""
+    found = f"NaN, infinity or a number beyond {LARGEST_NUMBER:g}{place}"
+    return ModelError(f"{file.label}{element}: found {found}, possible are numbers; correct it.")
 
 
 def _are_usable(numbers: Array) -> bool:
@@ -233,14 +233,16 @@ def _rotation(mujoco: Any, quaternion: Array) -> Array:
     return found.reshape(3, 3)
 
 
-def _read_tensor(mujoco: Any, body: Any) -> Array | None:
+def _read_tensor(mujoco: Any, body: Any, file: ModelFile) -> Array | None:
     """The inertia that a body states with six numbers, in the body's frame, kg m²; None where it states none.
 
-    MuJoCo keeps the principal axes of it alone, with an error of about 1e-12.
+    MuJoCo keeps the principal axes of it alone, with an error of about 1e-12. Raises ModelError where it is infinite.
     """
     xx, yy, zz, xy, xz, yz = (float(entry) for entry in body.fullinertia)
     if np.isnan(xx):
         return None
+    if not _are_usable(np.asarray(body.fullinertia, float)):
+        raise _refuse_number(file, f", body {body.name}")
     turned = _rotation(mujoco, np.asarray(body.iquat, float))
     return turned @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turned.T
 

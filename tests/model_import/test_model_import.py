@@ -237,6 +237,11 @@ BAD: dict[str, tuple[str, str, str]] = {
         "a.xml",
         "body b0: found NaN, infinity or a number beyond 1e+12",
     ),
+    "infinite inertia of a link": (
+        urdf(ixx="inf"),
+        "a.urdf",
+        "body one: found NaN, infinity or a number beyond 1e+12",
+    ),
     "infinite reference": (chain(1).replace("<joint ", '<joint ref="inf" '), "a.xml", "in <option> or ref"),
     "negative mass": (
         chain(1).replace('mass="1.0"', 'mass="-1"'),
