@@ -124,6 +124,7 @@ def ablate_check(folder: Path, known: Sequence[str]) -> Iterator[dict[str, Any]]
     if not places:
         raise AblationError(f"{folder}: keeps no searches; check again with `hdagen blind --keep-searches`.")
     report = read_json(folder / "blind.json", LARGEST_REPORT_BYTES, "finish the check with `hdagen blind`")
+    population = read_population(report)
     for place in places:
         name = f"{report['seed']}/{place.name}"
         if name in known:
@@ -132,8 +133,8 @@ def ablate_check(folder: Path, known: Sequence[str]) -> Iterator[dict[str, Any]]
         row = next(row for row in report["rows"] if row["name"] == place.name)  # the label, only now
         yield {
             "name": name,
-            "population": read_population(report).name,
-            "family": read_population(report).family,
+            "population": population.name,
+            "family": population.family,
             "kind": row["kind"],
             "truth": list(row["truth"]),
             "version": __version__,

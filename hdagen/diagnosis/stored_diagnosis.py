@@ -6,7 +6,7 @@ same model is kept, so that several decisions of one diagnosis share it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from threading import Lock
@@ -69,7 +69,7 @@ class RememberedData(PreparedData):
             PlantError: the model cannot be simulated.
 
         """
-        return self._recall("fitted", arm) or self._keep("fitted", arm, super().replay_fitted(arm))
+        return self._remember_replay("fitted", arm, super().replay_fitted)
 
     def replay_held_out(self, arm: Arm) -> Replay:
         """Replay the held-out logs on an arm, or return that replay if it was made before.
@@ -84,15 +84,18 @@ class RememberedData(PreparedData):
             PlantError: the model cannot be simulated.
 
         """
-        return self._recall("held out", arm) or self._keep("held out", arm, super().replay_held_out(arm))
+        return self._remember_replay("held out", arm, super().replay_held_out)
 
-    def _recall(self, portion: str, arm: Arm) -> Replay | None:
+    def _remember_replay(self, portion: str, arm: Arm, replay: Callable[[Arm], Replay]) -> Replay:
+        """The replay that was made before of the same model and parameters, or a new one."""
+        key = portion, arm.folder, arm.p.tobytes()
         with self.lock:
-            return self.replays.get((portion, arm.folder, arm.p.tobytes()))
-
-    def _keep(self, portion: str, arm: Arm, found: Replay) -> Replay:
+            known = self.replays.get(key)
+        if known is not None:
+            return known
+        found = replay(arm)
         with self.lock:
-            return self.replays.setdefault((portion, arm.folder, arm.p.tobytes()), found)
+            return self.replays.setdefault(key, found)
 
 
 @dataclass(frozen=True, eq=False)
