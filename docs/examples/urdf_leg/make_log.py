@@ -8,6 +8,7 @@ The URDF of the Go1 comes from the package `example-robot-data`; the `mujoco` ex
 
 from __future__ import annotations
 
+import argparse
 import copy
 import sys
 from collections.abc import Sequence
@@ -33,7 +34,11 @@ SEED = 7
 
 def main(arguments: Sequence[str]) -> None:
     """Import the leg, simulate it with the true numbers, and write both files."""
-    out = Path(arguments[0])
+    parser = argparse.ArgumentParser(
+        description="Import the leg of a Go1, and simulate one that is not as its URDF says."
+    )
+    parser.add_argument("out", type=Path, metavar="OUT", help="folder of leg.toml and log.parquet")
+    out: Path = parser.parse_args(arguments).out
     out.mkdir(parents=True, exist_ok=True)
     model = str(distribution("example-robot-data").locate_file(URDF))
     text = import_model(model, ChainRequest(tip=TIP)).text
