@@ -155,3 +155,33 @@ def judge_with_numbers(
         return found
     again = search_numbers(found.verdict)
     return again if again and again.corrects(found) else found
+
+
+def judge_numbers_first(
+    numbers: JudgedSearch | None,
+    search_as_stated: Callable[[], SearchResult | None],
+    judge: Callable[[SearchResult], JudgedSearch],
+) -> JudgedSearch:
+    """Judge a search with the robot file's numbers among the causes, and one that takes the file as right where that
+    leaves much.
+
+    Args:
+        numbers: the search with the numbers, judged; None where it failed.
+        search_as_stated: searches with the file taken as right; None where there is no time for it.
+        judge: judges a search.
+
+    Returns:
+        The search that stands.
+
+    Raises:
+        LogError: the log says that the robot file is another machine's, whatever its numbers are.
+
+    """
+    if numbers is not None and not numbers.leaves_much:
+        return numbers
+    search = search_as_stated()
+    if search is not None:
+        return judge_with_numbers(judge, search, lambda _: numbers)
+    if numbers is None:
+        raise LogError(["neither search for the cause could be made; give more time, or a shorter log."])
+    return numbers

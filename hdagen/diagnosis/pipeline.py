@@ -7,23 +7,26 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from hdagen.diagnosis.data.models import load_models
-from hdagen.diagnosis.data.prepared_data import prepare_data
+from hdagen.diagnosis.data.models import Models, load_models
+from hdagen.diagnosis.data.prepared_data import PreparedData, prepare_data
 from hdagen.diagnosis.decision.direct_evidence import find_direct_evidence
 from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.diagnosis_content import describe_diagnosis
 from hdagen.diagnosis.explanation import explain_verdict
 from hdagen.diagnosis.holdout.unseen_motion import measure_without_effects
-from hdagen.diagnosis.judged_search import JudgedSearch, SearchJudge, judge_with_numbers
+from hdagen.diagnosis.judged_search import JudgedSearch, SearchJudge, judge_numbers_first, judge_with_numbers
 from hdagen.diagnosis.report.diagnosis_result import DiagnosisResult
 from hdagen.diagnosis.search.effect_search import search_effects
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
-from hdagen.diagnosis.search.null_model import fit_null_model
+from hdagen.diagnosis.search.null_model import NullModel, fit_null_model
 from hdagen.diagnosis.search.stored_searches import Searches
+from hdagen.diagnosis.search.whole_drives import are_rotors_missing
 from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.diagnosis.stages.stage import Stage, StageListener, ignore_stage
 from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.log.measured_log import Log
+
+NUMBER_SEARCH = "the search for wrong numbers of the robot file"
 
 
 def diagnose(
@@ -73,14 +76,13 @@ def _run_stages(
     null = fit_null_model(models.full, data.record, budget)
     budget.require_time("the fit without effects")
     budget.keep_for_statement(budget.passed - begun)  # replays and the page take about as long
+    attempts = Attempts(budget)
+    runs = _SearchRuns(models, data, null, attempts, on_stage)
     with ThreadPoolExecutor(1) as beside:  # the search leaves half a core idle
         unseen = beside.submit(measure_without_effects, models, data, null.fit)
-        search = search_effects(models, data, null, on_stage)
-    judge = SearchJudge(models, data, direct, unseen.result(), budget, on_stage)
-    attempts = Attempts(budget)
-    numbers = _NumberSearch(judge, attempts)
-    found = judge_with_numbers(judge.judge_search, search, numbers.search_again)
-    searches = Searches(null.fit, search, numbers.found)
+        runs.run_first_search()
+    found = _judge_searches(SearchJudge(models, data, direct, unseen.result(), budget, on_stage), runs)
+    searches = Searches(null.fit, runs.as_stated, runs.with_numbers, runs.begins_with_numbers)
     search, checked = found.search, found.checked
     explained = explain_verdict(models, data, checked, budget, on_stage)
 
@@ -100,30 +102,67 @@ def _run_stages(
 
 
 @dataclass(eq=False)
-class _NumberSearch:
-    """The search with the robot file's numbers among the causes; ``found`` is its result, once it has run."""
+class _SearchRuns:
+    """The searches of a diagnosis, and their results once they have run: ``as_stated`` takes the robot file as right,
+    ``with_numbers`` has its numbers among the causes."""
 
-    judge: SearchJudge
+    models: Models
+    data: PreparedData
+    null: NullModel
     attempts: Attempts
-    found: SearchResult | None = None
+    on_stage: StageListener
+    begins_with_numbers: bool = False
+    as_stated: SearchResult | None = None
+    with_numbers: SearchResult | None = None
 
-    def search_again(self, verdict: Sequence[str] | None) -> JudgedSearch | None:
-        """Search, and judge; None where that fails, or takes too long. Springs in rigid joints, which take most of the
-        time, are searched again only where they stand in the first ``verdict``, or where there was none."""
-        models, data, on_stage = self.judge.models, self.judge.data, self.judge.on_stage
-        budget, stage = self.attempts.budget, "the search for wrong numbers of the robot file"
-        springs = models.full.effects.series_springs
-        may_have_springs = verdict is None or any(name.partition("@")[0] in springs for name in verdict)
+    def run_first_search(self) -> None:
+        """Run the search with numbers where the file leaves out rotors that the log shows, and the other elsewhere."""
+        self.begins_with_numbers = are_rotors_missing(self.models.full, self.data.record)
+        if self.begins_with_numbers:
+            self.with_numbers = self.attempts.attempt(NUMBER_SEARCH, self.search_with_numbers, None)
+        else:
+            self.search_as_stated()
 
-        def search_and_judge() -> JudgedSearch | None:
-            null = fit_null_model(models.full, data.record, budget, with_numbers=True)
-            search = search_effects(models, data, null, on_stage, may_have_springs)
-            if budget.is_left_out(stage):
-                return None
-            self.found = search
-            return self.judge.judge_search(search)
+    def search_as_stated(self) -> SearchResult:
+        """Search with the file taken as right."""
+        self.as_stated = search_effects(self.models, self.data, self.null, self.on_stage)
+        return self.as_stated
 
-        return self.attempts.attempt_in_time(stage, search_and_judge, None)
+    def search_with_numbers(self, may_have_springs: bool = True) -> SearchResult:
+        """Search with the file's numbers among the causes."""
+        null = fit_null_model(self.models.full, self.data.record, self.attempts.budget, with_numbers=True)
+        return search_effects(self.models, self.data, null, self.on_stage, may_have_springs)
+
+    def search_again(self, verdict: Sequence[str] | None) -> SearchResult | None:
+        """Search with numbers after the other search; None where it takes too long. Springs in rigid joints, which take
+        most of the time, are searched again only where they stand in the first ``verdict``, or where there was none."""
+        springs = self.models.full.effects.series_springs
+        has_springs = verdict is None or any(name.partition("@")[0] in springs for name in verdict)
+        found = self.search_with_numbers(has_springs)
+        if not self.attempts.budget.is_left_out(NUMBER_SEARCH):
+            self.with_numbers = found
+        return self.with_numbers
+
+
+def _judge_searches(judge: SearchJudge, runs: _SearchRuns) -> JudgedSearch:
+    """Judge the first search, and the other one where that leaves much."""
+    attempts = runs.attempts
+
+    def judge_numbers(search: SearchResult | None) -> JudgedSearch | None:
+        return judge.judge_search(search) if search else None
+
+    def search_again(verdict: Sequence[str] | None) -> JudgedSearch | None:
+        return attempts.attempt_in_time(NUMBER_SEARCH, lambda: judge_numbers(runs.search_again(verdict)), None)
+
+    def search_as_stated() -> SearchResult | None:
+        if runs.with_numbers and judge.budget.is_left_out("the search that takes the robot file as right"):
+            return None
+        return runs.search_as_stated()
+
+    if runs.begins_with_numbers:
+        numbers = attempts.attempt(NUMBER_SEARCH, lambda: judge_numbers(runs.with_numbers), None)
+        return judge_numbers_first(numbers, search_as_stated, judge.judge_search)
+    return judge_with_numbers(judge.judge_search, runs.as_stated or runs.search_as_stated(), search_again)
 
 
 def _list_sources(logs: Sequence[Log]) -> tuple[str, ...]:

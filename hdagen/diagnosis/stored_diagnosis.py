@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -20,7 +21,8 @@ from hdagen.diagnosis.decision.verdict_content import describe_choice
 from hdagen.diagnosis.explanation import conclude_diagnosis
 from hdagen.diagnosis.holdout.unseen_motion import measure_without_effects
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.judged_search import JudgedSearch, SearchJudge, judge_with_numbers
+from hdagen.diagnosis.judged_search import JudgedSearch, SearchJudge, judge_numbers_first, judge_with_numbers
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.search.rigid_or_flexible import load_with_springs, make_spring_simulator
 from hdagen.diagnosis.search.stored_searches import RIGID, SPRINGS, Searches, needs_springs, read_searches
 from hdagen.diagnosis.stages.optional_stages import Attempts
@@ -116,22 +118,31 @@ class StoredDiagnosis:
 
         Returns:
             The parts of diagnosis.json that say what was decided, and ``lacks_search``: whether the decision asked for
-            a second search that the diagnosis had not needed, and went on without it.
+            a search that the diagnosis had not needed, and went on without it.
 
         Raises:
             LogError: the log says that the robot file is another machine's.
             PlantError: a model cannot be simulated.
 
         """
-        attempts, asked = Attempts(), []
+        attempts, searches, lacking = Attempts(), self.searches, []
 
-        def recall_numbers(verdict: Sequence[str] | None) -> JudgedSearch | None:
-            asked.append(verdict)
-            if (second := self.searches.second) is None:
+        def recall(search: SearchResult | None, name: str) -> SearchResult | None:
+            if search is None:
+                lacking.append(name)
+            return search
+
+        def recall_numbers(_: Sequence[str] | None = None) -> JudgedSearch | None:
+            search = recall(searches.with_numbers, "with numbers")
+            if search is None:
                 return None
-            return attempts.attempt("the stored second search", lambda: self.judge.judge_search(second), None)
+            return attempts.attempt("the stored search with numbers", lambda: self.judge.judge_search(search), None)
 
-        found = judge_with_numbers(self.judge.judge_search, self.searches.first, recall_numbers)
+        if searches.begins_with_numbers or searches.as_stated is None:
+            as_stated = partial(recall, searches.as_stated, "as stated")
+            found = judge_numbers_first(recall_numbers(), as_stated, self.judge.judge_search)
+        else:
+            found = judge_with_numbers(self.judge.judge_search, searches.as_stated, recall_numbers)
         final = conclude_diagnosis(self.judge.data, found.checked, attempts)
         decision = found.checked.settled.statement.decision
         return {
@@ -139,7 +150,7 @@ class StoredDiagnosis:
             "verdict": list(final.effects),
             "sure": final.is_sure,
             "gap": final.alternatives.gap,
-            "lacks_search": bool(asked) and self.searches.second is None,
+            "lacks_search": bool(lacking),
         }
 
 

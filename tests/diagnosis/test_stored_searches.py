@@ -69,8 +69,12 @@ def test_the_stored_searches_decide_the_same_to_the_bit(
 
 def test_both_searches_come_back_whole(found: Diagnosis, stored: StoredDiagnosis) -> None:
     searches = found.result.searches
-    assert searches.second is not None and stored.searches.second is not None
-    for made, read in ((searches.first, stored.searches.first), (searches.second, stored.searches.second)):
+    assert searches.with_numbers is not None and stored.searches.with_numbers is not None
+    assert searches.as_stated is not None and stored.searches.as_stated is not None
+    for made, read in (
+        (searches.as_stated, stored.searches.as_stated),
+        (searches.with_numbers, stored.searches.with_numbers),
+    ):
         assert [one.names for one in made.fits] == [one.names for one in read.fits]
         assert [one.evidence_here for one in made.fits] == [one.evidence_here for one in read.fits]
         for one, other in zip(made.fits, read.fits, strict=True):
@@ -87,7 +91,7 @@ def test_a_decision_that_asks_for_a_search_which_was_not_needed_says_so(
     stored: StoredDiagnosis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(JudgedSearch, "is_file_in_doubt", True)
-    lacking = StoredDiagnosis(stored.judge, type(stored.searches)(stored.searches.null, stored.searches.first))
+    lacking = StoredDiagnosis(stored.judge, type(stored.searches)(stored.searches.null, stored.searches.as_stated))
     assert lacking.decide_again()["lacks_search"]
 
 

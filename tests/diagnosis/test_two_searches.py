@@ -8,11 +8,12 @@ from typing import Any, cast
 
 import pytest
 
-from hdagen.diagnosis.judged_search import JudgedSearch, judge_with_numbers
+from hdagen.diagnosis.judged_search import JudgedSearch, judge_numbers_first, judge_with_numbers
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.log.data_table import LogError
 
 SEARCH = cast(SearchResult, None)
+SEARCH_FOUND = cast(SearchResult, SimpleNamespace())
 
 
 def judged(after: float, *verdict: str, contradiction: str | None = None, end: str | None = None) -> JudgedSearch:
@@ -99,3 +100,25 @@ def test_a_file_that_seems_another_machines_is_searched_for_wrong_numbers() -> N
 def test_it_is_refused_where_wrong_numbers_leave_much_too(second: JudgedSearch | None) -> None:
     with pytest.raises(LogError, match="another robot"):
         judge_with_numbers(refuse, SEARCH, Numbers(second))
+
+
+def test_a_first_search_with_numbers_that_leaves_little_stands_alone() -> None:
+    numbers = judged(5.0, "motor_inertia@1", "coulomb_friction@1")
+    assert judge_numbers_first(numbers, pytest.fail, refuse) is numbers
+
+
+@pytest.mark.parametrize(("stated", "stands"), [((3.0, "payload@1"), "stated"), ((80.0, "unknown@1"), "numbers")])
+def test_a_first_search_with_numbers_that_leaves_much_is_compared_with_the_other(stated: Any, stands: str) -> None:
+    both = {"numbers": judged(40.0, "motor_inertia@1"), "stated": judged(*stated)}
+    found = judge_numbers_first(both["numbers"], lambda: SEARCH_FOUND, lambda _: both["stated"])
+    assert found is both[stands]
+
+
+def test_where_there_is_no_time_for_the_other_search_the_first_one_stands() -> None:
+    numbers = judged(40.0, "motor_inertia@1")
+    assert judge_numbers_first(numbers, lambda: None, refuse) is numbers
+
+
+def test_where_neither_search_could_be_made_that_is_said() -> None:
+    with pytest.raises(LogError, match="neither search"):
+        judge_numbers_first(None, lambda: None, refuse)

@@ -23,6 +23,8 @@ from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
 from hdagen.prediction.driving_inputs import compute_effective_inputs, read_driving_inputs
 from hdagen.prediction.measurement_model import Readings, find_parameter_indices, undo_sensor_effects
 
+SHARP_FRICTION_WIDTH = 1e-6  # rad/s (or m/s) at the motor; no measured motion is as slow
+
 
 @dataclass(frozen=True, eq=False)
 class TorqueResidual:
@@ -89,6 +91,12 @@ class TorqueBalance:
         """The parameters of effects on inputs."""
         effects = (one for one in self.motion.arm.manifest["effects"] if one["place"] == "input")
         return find_parameter_indices(self.motion.arm, effects, "amplitudes", "shapes")
+
+    @cached_property
+    def _smoothing_widths(self) -> list[int]:
+        """The parameters that are widths of smooth friction."""
+        names = self.motion.arm.parameters.described
+        return [k for k, name in enumerate(names) if name.startswith("friction_smoothing_")]
 
     def simulate_inputs(self, p: Array) -> tuple[Array, Array]:
         """Simulate the inputs from the commands, row by row.
@@ -172,10 +180,16 @@ class TorqueBalance:
         return np.where(self.motion.direction == 0, 0.0, found)  # friction that holds a joint at rest is unknown
 
     def _inverse_dynamics(self, p: Array, inputs: Array) -> dict[str, Array]:
-        """Compute the inverse dynamics of the measured motion under parameters ``p`` and inputs (K, nu), unfiltered."""
+        """Compute the inverse dynamics of the measured motion under parameters ``p`` and inputs (K, nu), unfiltered.
+
+        Friction has its whole level at any speed: the smooth sign of a model is as wide as its step asks for, and at a
+        rigid joint that is as wide as a slow motion.
+        """
         q, v = self._joint_motion(self.states(p))
         force = inputs[:, self.motion.n :]
-        return self.motion.arm.with_parameters(p).evaluate(
+        sharp = p.copy()
+        sharp[self._smoothing_widths] = SHARP_FRICTION_WIDTH
+        return self.motion.arm.with_parameters(sharp).evaluate(
             "inverse_dynamics", q=q, v=v, a=self.motion.acceleration[1], tip_force=force
         )
 

@@ -47,14 +47,16 @@ class Searches:
 
     Attributes:
         null: the fit without any effect, which has no columns.
-        first: the search that takes the robot file as right.
-        second: the search with the file's numbers among the causes; None where the diagnosis needed none.
+        as_stated: the search that takes the robot file as right; None where the diagnosis needed none.
+        with_numbers: the search with the file's numbers among the causes; None where the diagnosis needed none.
+        begins_with_numbers: whether the latter was first.
 
     """
 
     null: Fit
-    first: SearchResult
-    second: SearchResult | None = None
+    as_stated: SearchResult | None
+    with_numbers: SearchResult | None = None
+    begins_with_numbers: bool = False
 
 
 STORED_CLASSES = {

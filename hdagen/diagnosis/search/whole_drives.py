@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import logging
 
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.alternative_starts import refit_from_start
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.gauss_newton import place_sizes
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
+from hdagen.diagnosis.initialization.candidate_list import build_candidates
+from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.hypothesis_race import continue_fit
 from hdagen.diagnosis.search.ordinary_frictions import list_ordinary_frictions
@@ -42,6 +46,30 @@ def fit_whole_drives(regression: TorqueRegression, at: Sensitivities, candidates
     begun = start_fit(at, candidates, drives, near, start)
     whole = _restart_fit(continue_fit(begun, candidates, SEARCH.most_further_steps, 1.0), at, candidates)
     return drop_unneeded(whole, candidates, drives)
+
+
+def are_rotors_missing(arm: Arm, record: WindowedRecord) -> bool:
+    """Tell whether the robot file leaves out rotors that the log shows: whether their inertias, with the frictions of
+    all joints, explain more of the residual torque than any other effect does.
+
+    Args:
+        arm: the compiled model.
+        record: the log in windows.
+
+    Returns:
+        Whether they do; False where the file states every rotor.
+
+    """
+    hints = guess_from_log(arm, record)
+    candidates = build_candidates(arm, hints, record.joints_without_command, with_numbers=True)
+    rotors, frictions = list_absent_inertias(candidates), list_ordinary_frictions(candidates)
+    if not rotors or (regression := TorqueRegression.from_record(arm, record, candidates)) is None:
+        return False
+    effects = [k for k, one in enumerate(candidates.members) if not one.is_number and k not in frictions]
+    possible = [k for k in effects if candidates.is_compatible(arm, k, frictions)]
+    others = [tuple(frictions), *(tuple(sorted((*frictions, k))) for k in possible)]
+    with_rotors = regression.fit_set(tuple(sorted((*frictions, *rotors))))
+    return with_rotors.criterion < min(regression.fit_set(one).criterion for one in others)
 
 
 def _restart_fit(fit: Fit, at: Sensitivities, candidates: CandidateSet) -> Fit:

@@ -18,6 +18,8 @@ from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
+from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
+from hdagen.diagnosis.residuals.torque_balance import TorqueBalance
 from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_search import search_hypotheses
 from hdagen.diagnosis.search.null_model import fit_null_model
@@ -124,6 +126,17 @@ def test_where_nothing_is_missing_no_set_is_proposed(build: Builder) -> None:
     arm = legs(build, 0.1, 0.3)
     found, _ = regressed(arm, driven(arm, {}))
     assert found.best_sets() == [] and found.distant_effects() == {}
+
+
+def test_friction_of_a_slow_joint_has_its_whole_level_however_wide_its_smooth_sign_is(build: Builder) -> None:
+    arm = legs(build, 0.1, 0.3)
+    motion = MeasuredMotion(arm, driven(arm, {}), ())
+    left = TorqueBalance(motion).residual(arm.p).motor
+    for j in (1, 2):
+        speed = np.abs(motion.sensed_states[:, arm.index(f"joint_velocity_{j}")])
+        is_slow = motion.valid & motion.is_sliding(j) & (speed < 0.05)  # as wide as the smooth sign
+        assert is_slow.sum() > 10
+        assert np.abs(left[is_slow, j - 1]).mean() < 0.03  # N m; the smooth sign would take a third of the 0.3
 
 
 def test_regressors_of_friction_are_speed_and_its_sign(build: Builder) -> None:

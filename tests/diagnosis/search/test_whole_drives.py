@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import pytest
 from threadpoolctl import threadpool_limits
 
 from hdagen.arm.compiled_arm import load
@@ -15,7 +17,7 @@ from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import start_fit
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.null_model import fit_null_model, make_nominal_point
-from hdagen.diagnosis.search.whole_drives import fit_whole_drives, list_absent_inertias
+from hdagen.diagnosis.search.whole_drives import are_rotors_missing, fit_whole_drives, list_absent_inertias
 from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.log.measured_log import Log
 
@@ -47,13 +49,13 @@ TRUTH = {
 }
 
 
-def move_leg(robot: Path, seconds: float) -> Log:
-    """A log of the machine with the true numbers, held near the file's weight by its torques."""
+def move_leg(robot: Path, seconds: float, truth: Mapping[str, float]) -> Log:
+    """A log of a machine with some true numbers, held near the file's weight by its torques."""
     arm = load(robot)
     time = np.arange(0.0, seconds, 2e-3)
     waves = [np.sin(2 * np.pi * np.outer(time, f) + np.arange(3)) for f in ([0.31, 0.83, 1.9], [0.47, 1.1, 2.6])]
     wanted = np.stack([0.35 * (wave @ [1.0, 0.4, 0.15]) for wave in waves], axis=1) + np.array([-1.2, -0.6])
-    arm.parameters.update(TRUTH)
+    arm.parameters.update(truth)
     x, rows, u = arm.rest(wanted[0].tolist()), [], np.zeros((len(time), arm.nu))
     velocity = np.gradient(wanted, time, axis=0)
     for k in range(len(time)):
@@ -71,7 +73,8 @@ def test_rotors_and_frictions_of_all_joints_are_found_at_once(tmp_path: Path) ->
     robot.write_text(ROBOT)
     with threadpool_limits(1):
         models = load_models(robot)
-        record = prepare_data(models, [move_leg(robot, 8.0)], []).record
+        record = prepare_data(models, [move_leg(robot, 8.0, TRUTH)], []).record
+        assert are_rotors_missing(models.full, record)
         null = fit_null_model(models.full, record, TimeBudget(), with_numbers=True)
         candidates = null.candidates
         at = compute_sensitivities(null.shooting, candidates, make_nominal_point(null.shooting, candidates))
@@ -86,3 +89,22 @@ def test_rotors_and_frictions_of_all_joints_are_found_at_once(tmp_path: Path) ->
     p = dict(zip(models.full.parameters, found.sensitivities.point.p, strict=True))
     for name, truth in TRUTH.items():
         assert abs(p[name] - truth) < 0.1 * truth, name
+
+
+@pytest.mark.parametrize("missing", [(), ("coulomb_friction_1", "viscous_friction_1"), ("coulomb_friction_2",)])
+def test_a_machine_without_rotors_lacks_none(tmp_path: Path, missing: tuple[str, ...]) -> None:
+    robot = tmp_path / "robot.toml"
+    robot.write_text(ROBOT)
+    with threadpool_limits(1):
+        models = load_models(robot)
+        log = move_leg(robot, 8.0, {name: TRUTH[name] for name in missing})
+        assert not are_rotors_missing(models.full, prepare_data(models, [log], []).record)
+
+
+def test_a_file_that_states_its_rotors_lacks_none(tmp_path: Path) -> None:
+    robot = tmp_path / "robot.toml"
+    robot.write_text(ROBOT.replace("motor_inertia = 0.0", "motor_inertia = 0.004"))
+    with threadpool_limits(1):
+        models = load_models(robot)
+        record = prepare_data(models, [move_leg(robot, 4.0, TRUTH)], []).record
+        assert not are_rotors_missing(models.full, record)
