@@ -291,6 +291,8 @@ def _cases_section(report: Report) -> page.Section:
     size = "in multiples of the typical one (docs/method/blind_check.md)"
     rows = [_case_cells(row) for row in report.rows]
     brackets = ""
+    if any(row.optional for row in report.rows):
+        brackets = " In brackets: what may be named or not."
     if report.asked.kind == "rough":
         size = "of a wrong number its factor, truth over file; of an effect " + size
     if report.asked.kind == FRICTION_KIND:

@@ -112,6 +112,15 @@ PARAMETER_COMPARISONS: tuple[ParameterComparison, ...] = (
         lambda t: abs(t["angle"]),
         lambda f: math.asin(min(math.hypot(f["tilt_x"], f["tilt_y"]) / 9.81, 1.0)),
     ),
+    ParameterComparison(
+        "gravity_tilt",
+        "angle in space",
+        "rad",
+        lambda t: abs(t["angle"]),
+        lambda f: math.hypot(f["tilt_roll"], f["tilt_pitch"]),
+    ),
+    _compare_value("motor_inertia", "level", "kg m²", "inertia", "motor_inertia"),
+    _compare_value("missing_compliance", "compliance", "rad/(N m)", "compliance", "missing_compliance"),
     _compare_value("cable_spring", "stiffness", "N m/rad", "stiffness", "cable_stiffness"),
     ParameterComparison(
         "contact",

@@ -83,8 +83,8 @@ class Row:
 
     @property
     def is_effect_right(self) -> bool:
-        """Whether the verdict names the only true effect and nothing else."""
-        return self.named_effects == (self.true_effect,)
+        """Whether the verdict names the only true effect and nothing else that is wrong."""
+        return tuple(one.split("@")[0] for one in self.verdict if one not in self.optional) == (self.true_effect,)
 
     @property
     def is_joint_right(self) -> bool:

@@ -15,7 +15,7 @@ from hdagen.__main__ import main
 pytest.importorskip("mujoco", reason="MuJoCo makes the realities: pip install 'hdagen[mujoco]'")
 
 from hdagen.blind.realities.cases import draw_cases
-from hdagen.blind.realities.model_arms import EFFECTS, RATE, ModelCase
+from hdagen.blind.realities.model_arms import EFFECTS, OWN_ROTOR_EFFECTS, RATE, ModelCase
 from hdagen.blind.realities.model_reality import make_model_log
 from hdagen.blind.realities.population import Population, read_population
 
@@ -49,10 +49,10 @@ def test_a_model_is_a_family_of_its_own(model: Path) -> None:
 
 
 def test_more_cases_begin_with_the_fewer_and_effects_come_in_turn(model: Path) -> None:
-    few, many = draw(model, "single", 3), draw(model, "single", 14)
-    assert many[:3] == few and len({case.name for case in many}) == 14
-    possible = set(EFFECTS) - {"motor_inertia"}  # the URDF states no rotor
-    assert {case.effect for case in many[:7]} == possible == {case.effect for case in many[7:]}
+    few, many = draw(model, "single", 3), draw(model, "single", 22)
+    assert many[:3] == few and len({case.name for case in many}) == 22
+    possible = set(EFFECTS) - {"missing_compliance", "backlash"}  # the URDF states no rotor that a gear turns
+    assert {case.effect for case in many[:11]} == possible == {case.effect for case in many[11:]}
     assert all(case.joint == {"gravity_tilt": 0, "payload": 2}.get(case.effect, case.joint) <= 2 for case in many)
     assert draw(model, "single", 3, "other") != few
     assert all(case.label()["verdict"] == [] and case.kind == "none" for case in draw(model, "none", 2))
@@ -71,7 +71,7 @@ def test_links_are_scattered_and_stay_bodies(model: Path) -> None:
         assert one["origin"] == other["origin"] and one["axis"] == other["axis"]
 
 
-@pytest.mark.parametrize("effect", [effect for effect in EFFECTS if effect != "motor_inertia"])
+@pytest.mark.parametrize("effect", [effect for effect in EFFECTS if effect not in OWN_ROTOR_EFFECTS])
 def test_an_effect_shows_and_none_is_none(effect: str, model: Path) -> None:
     joint = {"gravity_tilt": 0, "payload": 2}.get(effect, 1)
     case = replace(draw(model, "single", 1)[0], effect=effect, joint=joint, size=0.5)

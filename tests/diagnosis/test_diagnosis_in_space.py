@@ -18,7 +18,8 @@ from hdagen.log.measured_log import write
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo makes the logs: pip install 'hdagen[mujoco]'")
 
 from hdagen.blind.realities.model_arms import ModelRobot, draw_space_motion  # noqa: E402
-from hdagen.blind.realities.model_reality import Values, simulate_space_arm  # noqa: E402
+from hdagen.blind.realities.model_effects import Values  # noqa: E402
+from hdagen.blind.realities.model_reality import simulate_space_arm  # noqa: E402
 
 LIMITS = "\n[joint.limits]\nposition = [-2.0, 2.0]\nspeed = 3.0\ntorque = 20.0\n"
 TEXT = re.sub(  # as `hdagen robot import` writes it: no rotor, damping a guess

@@ -7,4 +7,7 @@ from collections.abc import Mapping
 from hdagen.blind.realities.effect_sizes import EFFECT_SIZES
 from hdagen.blind.realities.joint_effects import JOINT_EFFECTS
 
-EFFECT_PLACES: Mapping[str, str] = {name: one.place for name, one in (*JOINT_EFFECTS.items(), *EFFECT_SIZES.items())}
+EFFECT_PLACES: Mapping[str, str] = {
+    "motor_inertia": "motor",  # a number of the robot file that the family of a model has wrong
+    **{name: one.place for name, one in (*JOINT_EFFECTS.items(), *EFFECT_SIZES.items())},
+}

@@ -186,10 +186,10 @@ def main() -> None:
     elif isinstance(case, ModelCase):
         from hdagen.blind.realities import model_reality
 
-        key = f"{case.effect}@{case.joint}"
-        stated = (request.get("truth") or {}).get(key)
+        label = case.label()
+        stated = (request.get("truth") or {}).get(f"{case.effect}@{case.joint}")
         log, drawn, snr = model_reality.make_model_log(case, request["motion"], request["seconds"], stated)
-        told = {"snr": snr, "parameters": {key: drawn} if case.effect else {}}
+        told = {"snr": snr, "parameters": dict.fromkeys((*label["verdict"], *label["optional"]), drawn)}
     else:
         assert isinstance(case, ArmCase | JointArmCase)
         known = None

@@ -24,6 +24,8 @@ from hdagen.support.input_file import InputFileError, read_toml
 from hdagen.support.messages import show_path
 
 RATE = 500  # Hz, of controller and log
+STEPS_PER_ROW = 4  # of RK4
+STEP = 1.0 / RATE / STEPS_PER_ROW  # s
 SCATTER = 0.03  # relative standard deviation of masses, centres of mass and inertias about those of the model
 MOST_MASS_DEVIATIONS = 2.0  # of the scatter
 ENCODER_NOISE, ENCODER_RESOLUTION = 1e-5, 2 * math.pi / 2**17  # rad or m
@@ -41,7 +43,15 @@ EFFECTS = (
     "current_loop_lag",
     "current_saturation",
     "motor_inertia",
-)  # what MuJoCo, or the input in front of it, has
+    "missing_compliance",
+    "backlash",
+    "cable_spring",
+    "contact",
+    "encoder_eccentricity",
+)  # what MuJoCo, the input in front of it, or the encoder behind it has
+OWN_ROTOR_EFFECTS = ("missing_compliance", "backlash")  # of a gear between a rotor and a link
+LARGEST_ROTOR_DECAY = 0.5  # of a rotor's speed in a step of the robot file, from which it cannot be told from its link
+DEFAULT_FILE_STEP = 5e-4  # s, of a robot file that states none
 Table = dict[str, Any]
 
 
@@ -122,9 +132,12 @@ class ModelCase:
     def label(self) -> Table:
         """The truth that is sealed."""
         named = [f"{self.effect}@{self.joint}"] if self.effect else []
+        # the stops of a play yield a little, which may be named or not
+        optional = [f"missing_compliance@{self.joint}"] if self.effect == "backlash" else []
         return {
             "kind": self.kind,
             "verdict": named,
+            "optional": optional,
             "sizes": [self.size] * len(named),
             "background": 0.0,
             "seed": self.seed,
@@ -194,21 +207,46 @@ def draw_model_cases(seed: str, population: Population, count: int) -> tuple[Mod
     table = ModelRobot(text).table
     order = [""]
     if population.kind != "none":
-        order = seeded_generator(own, "order").permutation(_list_possible_effects(table)).tolist()
+        possible = [one for one in EFFECTS if list_possible_joints(one, table)]
+        order = seeded_generator(own, "order").permutation(possible).tolist()
     return tuple(_draw_case(own, population.kind, index, text, order) for index in range(count))
 
 
-def _list_possible_effects(table: Table) -> list[str]:
-    """The effects that the arm can have: a rotor can be wrong only where the file states one."""
-    rotors = all(joint["drive"].get("motor_inertia", 0.0) for joint in table["joint"])
-    weighs = any(table.get("gravity", (0.0,)))
-    return [one for one in EFFECTS if (one != "motor_inertia" or rotors) and (one != "gravity_tilt" or weighs)]
+def list_possible_joints(effect: str, table: Table) -> tuple[int, ...]:
+    """List the joints at which a diagnosis of an arm offers an effect.
+
+    Args:
+        effect: one of `EFFECTS`; empty for none.
+        table: the robot file.
+
+    Returns:
+        Their numbers from 1; (0,) for the arm as a whole; none where such an arm cannot have the effect.
+
+    """
+    joints = table["joint"]
+    if effect == "gravity_tilt":
+        return (0,) if any(table.get("gravity", (0.0,))) else ()
+    if effect == "payload":
+        return (len(joints),)
+    fits: list[bool] = [True] * len(joints)
+    if effect in OWN_ROTOR_EFFECTS:
+        fits = [_can_turn_alone(joint["drive"], table.get("step", DEFAULT_FILE_STEP)) for joint in joints]
+    if effect == "encoder_eccentricity":
+        fits = [joint.get("type", "revolute") == "revolute" for joint in joints]
+    return tuple(j for j, possible in enumerate(fits, 1) if possible)
+
+
+def _can_turn_alone(drive: Table, step: float) -> bool:
+    """Whether a rotor is stated that friction does not stop within a few steps of the robot file."""
+    rotor = float(drive["motor_inertia"])
+    return rotor > 0.0 and drive["viscous_friction"] * step <= LARGEST_ROTOR_DECAY * rotor
 
 
 def _draw_case(seed: str, kind: str, index: int, text: str, order: list[str]) -> ModelCase:
     rng, robot = seeded_generator(seed, kind, index), ModelRobot(text)
-    effect, count = order[index % len(order)], len(robot.table["joint"])
-    joint = {"payload": count, "gravity_tilt": 0}.get(effect, int(rng.integers(1, count + 1)))
+    effect = order[index % len(order)]
+    possible = list_possible_joints(effect, robot.table)
+    joint = possible[int(rng.integers(len(possible)))]
     name = purpose_digest(seed, kind, index, "name").hex()[:16]
     return ModelCase(name, robot, effect, joint, float(rng.random()), int(rng.integers(2**62)), kind)
 

@@ -1,13 +1,15 @@
 """A reality of an imported model: MuJoCo moves the links in space, a sampled controller drives them.
 
-MuJoCo has inertias, Coriolis torques, armatures, gravity, damping, set-valued dry friction and a payload; delay, lag
-and saturation stand between the command and it.
+MuJoCo has inertias, Coriolis torques, armatures, gravity, damping, set-valued dry friction and a payload. It also has
+stops, and gears that give way. Delay, lag and saturation stand between the command and it; a cable pulls from outside,
+and a disc off its centre stands between it and the reading.
 """
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -16,7 +18,10 @@ import numpy as np
 from hdagen.blind.realities.model_arms import (
     ENCODER_NOISE,
     ENCODER_RESOLUTION,
+    OWN_ROTOR_EFFECTS,
     RATE,
+    STEP,
+    STEPS_PER_ROW,
     TORQUE_NOISE_SHARE,
     ModelCase,
     SpaceMotion,
@@ -24,16 +29,15 @@ from hdagen.blind.realities.model_arms import (
     draw_space_motion,
     rate_joint,
 )
+from hdagen.blind.realities.model_effects import Values, draw_effect
 from hdagen.blind.realities.random_streams import seeded_generator
 from hdagen.blind.realities.signal_to_noise import measure_signal_to_noise
+from hdagen.blind.realities.space_model import set_spring, set_stop, write_space_model
 
-STEPS_PER_ROW = 4  # of RK4
-STEP = 1.0 / RATE / STEPS_PER_ROW  # s
 JOINT_BANDWIDTH, LOOP_DAMPING = 15.0, 0.8  # rad/s, and the damping ratio of the position loop
 SPEED_SHARE = 0.3  # of a new difference of positions in the filtered speed
-HARDEST_IMPEDANCE = 0.9999  # MuJoCo's hardest impedance
 MOST_TRACKED_TORQUE = 0.9  # of a joint's largest torque, that commands are limited to
-Values = dict[str, float]
+CABLE_BEND = 0.7  # 1/rad, of a cable's torque over the angle: k sin(0.7 Δq) / 0.7
 
 
 def make_model_log(
@@ -63,89 +67,6 @@ def make_model_log(
     if known is not None:
         return log, found, 0.0
     return log, found, measure_signal_to_noise(log, without, case.robot.noise())
-
-
-def draw_effect(case: ModelCase, without: Mapping[str, np.ndarray]) -> Values:
-    """Draw the parameters of a case's effect; its size is the case's.
-
-    Args:
-        case: the case.
-        without: the log of the same motion without it, which sizes friction and saturation.
-
-    Returns:
-        The parameters, SI.
-
-    """
-    rng = seeded_generator(str(case.seed), "effect")
-
-    def between(low: float, high: float) -> float:
-        return float(low * (high / low) ** case.size)
-
-    joint = max(case.joint, 1)
-    torque = without[f"motor_torque_{joint}"]
-    usual = float(np.sqrt(np.mean(torque**2)))
-    speed = float(np.sqrt(np.mean(np.gradient(without[f"joint_position_{joint}"], 1 / RATE) ** 2)))
-    match case.effect:
-        case "coulomb_friction":
-            return {"torque": between(0.1, 0.5) * usual}
-        case "viscous_friction":
-            return {"coefficient": between(0.1, 0.5) * usual / speed}
-        case "payload":
-            place = rng.uniform(-0.05, 0.05, 3)
-            mass = between(0.05, 0.2) * sum(one["mass"] for one in case.robot.table["joint"][-3:])
-            return {"mass": mass, **dict(zip("xyz", map(float, place), strict=True))}
-        case "gravity_tilt":
-            return {"angle": between(0.02, 0.08), "about": float(rng.uniform(0.0, 2.0 * math.pi))}
-        case "command_delay" | "current_loop_lag":
-            return {"time": between(0.002, 0.01)}
-        case "current_saturation":
-            return {"limit": between(0.5, 0.85) * float(np.abs(torque).max())}
-    return {"factor": between(1.5, 3.0)}  # of the rotor's inertia
-
-
-def write_space_model(
-    table: Table,
-    friction: Sequence[float],
-    damping: Sequence[float],
-    payload: Mapping[str, float] | None = None,
-) -> str:
-    """Write an arm in space as MJCF.
-
-    Args:
-        table: the robot file, with the links to be simulated.
-        friction: dry friction of each joint, N m or N.
-        damping: of each joint, N m s/rad or N s/m.
-        payload: its ``mass`` and its place ``x``, ``y``, ``z`` at the tip, m.
-
-    Returns:
-        The model's text.
-
-    """
-
-    def words(values: Sequence[float]) -> str:
-        return " ".join(repr(float(value)) for value in values)
-
-    dry = f'solreffriction="{2 * STEP!r} 1" solimpfriction="{HARDEST_IMPEDANCE} {HARDEST_IMPEDANCE} 0.001 0.5 2"'
-    bodies = []
-    for joint, dry_friction, slope in zip(table["joint"], friction, damping, strict=True):
-        kind = {"revolute": "hinge", "prismatic": "slide"}[joint.get("type", "revolute")]
-        bodies.append(
-            f'<body pos="{words(joint.get("origin", (0, 0, 0)))}" quat="{words(joint.get("rotation", (1, 0, 0, 0)))}">'
-            f'<joint type="{kind}" axis="{words(joint.get("axis", (0, 0, 1)))}" damping="{slope!r}"'
-            f' armature="{joint["drive"]["motor_inertia"]!r}" frictionloss="{dry_friction!r}" {dry}/>'
-            f'<inertial pos="{words(joint["center_of_mass"])}" mass="{joint["mass"]!r}"'
-            f' fullinertia="{words(joint["inertia"])}"/>'
-        )
-    tip = table.get("tip", {})
-    if payload:
-        mass, own = payload["mass"], 1e-6 * payload["mass"]
-        place = words([payload[axis] for axis in "xyz"])
-        bodies.append(
-            f'<body pos="{words(tip.get("origin", (0, 0, 0)))}" quat="{words(tip.get("rotation", (1, 0, 0, 0)))}">'
-            f'<inertial pos="{place}" mass="{mass!r}" diaginertia="{own} {own} {own}"/>'
-        )
-    return f"""<mujoco><option timestep="{STEP!r}" integrator="RK4" solver="Newton" tolerance="1e-12"
-      gravity="{words(table["gravity"])}"/><worldbody>{"".join(bodies)}{"</body>" * len(bodies)}</worldbody></mujoco>"""
 
 
 def simulate_space_arm(
@@ -182,49 +103,83 @@ class _SpaceSimulation:
         rng: np.random.Generator,
         effects: Mapping[tuple[str, int], Values],
     ) -> None:
-        self.motion, self.rng, self.n = motion, rng, len(true["joint"])
-        every = range(1, self.n + 1)
-        own: dict[str, list[Any]] = {
-            name: [effects.get((name, j)) for j in every] for name in {effect for effect, _ in effects}
-        }
-
-        def pick(effect: str, key: str, otherwise: float) -> np.ndarray:
-            return np.array([one[key] if one else otherwise for one in own.get(effect, [None] * self.n)])
-
-        drives = [joint["drive"] for joint in true["joint"]]
-        friction = [drive["coulomb_friction"] for drive in drives] + pick("coulomb_friction", "torque", 0.0)
-        damping = [drive["viscous_friction"] for drive in drives] + pick("viscous_friction", "coefficient", 0.0)
-        for drive, factor in zip(drives, pick("motor_inertia", "factor", 1.0), strict=True):
-            drive["motor_inertia"] = drive["motor_inertia"] * float(factor)
-        text = write_space_model(true, friction.tolist(), damping.tolist(), effects.get(("payload", self.n)))
-        self.model = mujoco.MjModel.from_xml_string(text)
-        if tilt := effects.get(("gravity_tilt", 0)):
-            self.model.opt.gravity[:] = _tilt_gravity(np.array(true["gravity"], float), tilt)
+        self.motion, self.rng, self.n, self.effects = motion, rng, len(true["joint"]), effects
+        self.model, still = self._build_true_model(true), [0.0] * self.n
         self.data = mujoco.MjData(self.model)
-        still = [0.0] * self.n
+        names = [self.model.joint(k).name for k in range(self.model.njnt)]
+        of_joint = [[name in (f"motor{j}", f"gear{j}") for name in names] for j in range(1, self.n + 1)]
+        self.turns = np.array(of_joint, float)  # (n, joints of MuJoCo): a joint turns by its motor and its gear
+        self.motors = [names.index(f"motor{j}") for j in range(1, self.n + 1)]
         self.known = mujoco.MjModel.from_xml_string(write_space_model(nominal, still, still))
         self.asked = mujoco.MjData(self.known)
         self.most = MOST_TRACKED_TORQUE * np.array([rate_joint(joint)["torque"] for joint in nominal["joint"]])
-        self.late = pick("command_delay", "time", 0.0) / STEP
-        lag = pick("current_loop_lag", "time", 0.0)
+        self.late = self._pick("command_delay", "time", 0.0) / STEP
+        lag = self._pick("current_loop_lag", "time", 0.0)
         self.keep = np.exp(-STEP / np.maximum(lag, 1e-9))  # of the lag's error over a step
-        self.limit = pick("current_saturation", "limit", math.inf)
-        self.acting = np.zeros(self.n)
+        self.limit = self._pick("current_saturation", "limit", math.inf)
+        self.cable = self._pick("cable_spring", "stiffness", 0.0), self._pick("cable_spring", "rest", 0.0)
+        self.disc = self._pick("encoder_eccentricity", "share", 0.0), self._pick("encoder_eccentricity", "phase", 0.0)
+        self.acting, self.home = np.zeros(self.n), np.zeros(self.n)
+
+    def _pick(self, effect: str, key: str, otherwise: float) -> np.ndarray:
+        """A parameter of an effect at each joint, ``otherwise`` where the joint does not have the effect."""
+        return np.array([self.effects.get((effect, j), {}).get(key, otherwise) for j in range(1, self.n + 1)])
+
+    def _build_true_model(self, true: Table) -> Any:
+        """MuJoCo's model of the arm with the effects that lie in it; a joint has one of a gear's and a stop."""
+        true, effects = copy.deepcopy(true), self.effects
+        drives = [joint["drive"] for joint in true["joint"]]
+        friction = [drive["coulomb_friction"] for drive in drives] + self._pick("coulomb_friction", "torque", 0.0)
+        damping = [drive["viscous_friction"] for drive in drives] + self._pick("viscous_friction", "coefficient", 0.0)
+        for drive, inertia in zip(drives, self._pick("motor_inertia", "inertia", math.nan), strict=True):
+            if math.isfinite(inertia):
+                drive["motor_inertia"] = float(inertia)
+        gears = [j for effect, j in effects if effect in OWN_ROTOR_EFFECTS]
+        payload = effects.get(("payload", self.n))
+        model = mujoco.MjModel.from_xml_string(
+            write_space_model(true, friction.tolist(), damping.tolist(), payload, gears)
+        )
+        if tilt := effects.get(("gravity_tilt", 0)):
+            model.opt.gravity[:] = _tilt_gravity(np.array(true["gravity"], float), tilt)
+        for (effect, j), p in effects.items():
+            if effect == "missing_compliance":
+                set_spring(model, f"gear{j}", 1.0 / p["compliance"], p["damping"])
+            elif effect == "backlash":
+                ends = -p["width"] / 2, p["width"] / 2
+                set_stop(model, f"gear{j}", ends, 1.0 / p["compliance"], p["damping"])
+            elif effect == "contact":
+                wall = (None, p["angle"]) if p["side"] > 0.0 else (p["angle"], None)
+                set_stop(model, f"motor{j}", wall, p["stiffness"], p["damping"])
+        return model
+
+    def _set_start(self) -> None:
+        """Start at rest at the first row of the motion; a gear is bent by what its link weighs there, and the motor's
+        encoder is set to the joint's."""
+        self.data.qpos[self.motors] = self.motion.position[0]
+        mujoco.mj_forward(self.model, self.data)
+        weight = self.turns @ (self.data.qfrc_bias * (1.0 - np.isin(np.arange(self.model.nv), self.motors)))
+        for (effect, j), p in self.effects.items():
+            if effect in OWN_ROTOR_EFFECTS:
+                bent = -p["compliance"] * weight[j - 1] - np.sign(weight[j - 1]) * p.get("width", 0.0) / 2
+                self.data.qpos[self.model.joint(f"gear{j}").id] = bent
+                self.data.qpos[self.motors[j - 1]] -= bent
+                self.home[j - 1] = bent
 
     def simulate_log(self) -> dict[str, np.ndarray]:
         """Simulate the whole motion; return the log's columns by name."""
         count, n = len(self.motion.time), self.n
-        self.data.qpos[:] = self.motion.position[0]
+        self._set_start()
         commands, shown, read = (np.empty((count, n)) for _ in range(3))
         speed, before = np.zeros(n), None
         noise = TORQUE_NOISE_SHARE * self.most / MOST_TRACKED_TORQUE
         for k in range(count):
-            angles = self.data.qpos + ENCODER_NOISE * self.rng.standard_normal(n)
-            read[k] = np.round(angles / ENCODER_RESOLUTION) * ENCODER_RESOLUTION
+            off = ENCODER_NOISE * self.rng.standard_normal(n)
+            read[k] = _round_to_counts(self._turn_discs() + off)
+            motor = _round_to_counts(self.data.qpos[self.motors] + self.home + off)
             if before is not None:
-                speed += SPEED_SHARE * ((read[k] - before) * RATE - speed)
-            before = read[k]
-            commands[k] = np.clip(self._ask_torque(k, read[k], speed), -self.most, self.most)
+                speed += SPEED_SHARE * ((motor - before) * RATE - speed)
+            before = motor
+            commands[k] = np.clip(self._ask_torque(k, motor, speed), -self.most, self.most)
             if k == 0:
                 self.acting = np.clip(commands[0], -self.limit, self.limit)
             shown[k] = self.acting + noise * self.rng.standard_normal(n)
@@ -235,8 +190,21 @@ class _SpaceSimulation:
                 columns[f"{name}_{j + 1}"] = np.ascontiguousarray(values[:, j])
         return columns
 
+    def _turn_discs(self) -> np.ndarray:
+        """The angle of the disc of each joint's encoder, rad: off its centre, and 0 at the zero position."""
+        share, phase = self.disc
+        q = self.turns @ self.data.qpos
+        return np.asarray(q + _shift_disc(share, q + phase) - _shift_disc(share, phase))
+
+    def _pull_cables(self) -> np.ndarray:
+        """The cables' torques over the next step: their mean is that at its middle."""
+        stiffness, rest = self.cable
+        middle = self.turns @ (self.data.qpos + 0.5 * STEP * self.data.qvel)
+        return np.asarray(-stiffness * np.sin(CABLE_BEND * (middle - rest)) / CABLE_BEND)
+
     def _ask_torque(self, k: int, read: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """The torque of the model's links along the reference, and a position loop on the encoders."""
+        """The torque of the model's links along the reference, and a position loop on what the motors ``read``, as a
+        servo drive has it."""
         motion, asked = self.motion, self.asked
         slip = motion.velocity[k] - speed
         pull = JOINT_BANDWIDTH * (JOINT_BANDWIDTH * (motion.position[k] - read) + 2.0 * LOOP_DAMPING * slip)
@@ -257,8 +225,20 @@ class _SpaceSimulation:
             wanted = np.clip(arrived, -self.limit, self.limit)
             middle = wanted + np.sqrt(self.keep) * (self.acting - wanted)  # the mean over the step, nearly
             self.acting = wanted + self.keep * (self.acting - wanted)
-            self.data.qfrc_applied[:] = middle
+            self.data.qfrc_applied[:] = 0.0
+            if self.cable[0].any():
+                self.data.qfrc_applied[:] = self._pull_cables() @ self.turns
+            self.data.qfrc_applied[self.motors] += middle
             mujoco.mj_step(self.model, self.data)
+
+
+def _round_to_counts(angles: np.ndarray) -> np.ndarray:
+    return np.asarray(np.round(angles / ENCODER_RESOLUTION) * ENCODER_RESOLUTION)
+
+
+def _shift_disc(share: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Error of a disc off its centre by a ``share`` of its radius, rad, from the exact triangle."""
+    return np.arctan2(share * np.sin(angle), 1.0 + share * np.cos(angle))
 
 
 def _tilt_gravity(gravity: np.ndarray, tilt: Values) -> np.ndarray:
