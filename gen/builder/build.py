@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gen.builder import compiler, object_cache
+from gen.builder.build_progress import StageListener, ignore_stage
 from gen.builder.ownership import find_other_writer
 from gen.mpc.problem_structure import Structure, StructureError, check_memory
 from gen.presets import find_presets
@@ -132,7 +133,12 @@ def locate_build(
 
 
 def build_robot(
-    source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
+    source: str,
+    profile: str,
+    out: Path,
+    extra: tuple[str, ...] = (),
+    mpc: Structure | None = None,
+    on_stage: StageListener = ignore_stage,
 ) -> tuple[Path, bool]:
     """Build a robot.
 
@@ -145,6 +151,7 @@ def build_robot(
         out: The folder of all builds.
         extra: Names of the effects to add.
         mpc: Structure of the predictive controller; None leaves it out.
+        on_stage: Is told each stage as it begins.
 
     Returns:
         The folder of the build, and whether it was made just now.
@@ -159,6 +166,7 @@ def build_robot(
     folder, name, content = locate_build(source, profile, out, extra, mpc)
     if is_intact(folder, name):
         return folder, False
+    on_stage("writing the equations")
     library, effects, examined = assemble_library(source, load(source), extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
@@ -180,7 +188,7 @@ def build_robot(
             for stale in out.glob(f".*{PARTIAL_BUILD_PREFIX}*"):  # left by a build that was killed; the lock is ours
                 _remove_tree(stale)
             object_cache.discard_parts(out / OBJECT_FOLDER)
-            _write_build(library, effects, profile, folder, name, mpc)
+            _write_build(library, effects, profile, folder, name, mpc, on_stage)
     except OSError as error:
         why = error.strerror or error
         raise BuildError(
@@ -235,7 +243,13 @@ def assemble_library(
 
 
 def _write_build(
-    made: Library, effects: tuple[Effect, ...], profile: str, folder: Path, name: str, mpc: Structure | None
+    made: Library,
+    effects: tuple[Effect, ...],
+    profile: str,
+    folder: Path,
+    name: str,
+    mpc: Structure | None,
+    on_stage: StageListener,
 ) -> None:
     """Make the folder beside its place and move it there; the lock is held."""
     from gen.builder import build_files
@@ -250,6 +264,7 @@ def _write_build(
     }
     if profile == "native":
         how["cpu"] = compiler.cpu_flags()
+    on_stage("printing the C")
     files = build_files.make_files(made, effects, name, how, profile == "native", mpc)
     part = folder.with_name(f".{folder.name}{PARTIAL_BUILD_PREFIX}{os.getpid()}")
     aside = part.with_name(f"{part.name}-old")
@@ -261,7 +276,7 @@ def _write_build(
         kept: Path | None = folder.parent / OBJECT_FOLDER
         if find_other_writer(folder.parent / OBJECT_FOLDER):
             kept = None
-        compiler.compile_library(part, compiled, profile, library, kept)
+        compiler.compile_library(part, compiled, profile, library, kept, on_stage)
         manifest = json.loads(files["manifest.json"])
         manifest["files"] = {f.name: _hash_file(f) for f in sorted(part.iterdir()) if f.name != "manifest.json"}
         manifest["seal"] = hash_manifest(manifest)
