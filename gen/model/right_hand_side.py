@@ -337,8 +337,9 @@ def _rate_jacobians(model: Model) -> list[Any]:
     """∂ẋ/∂x, ∂ẋ/∂u, ∂ẋ/∂p, differentiated neither through an iteration nor through a factorisation.
 
     With r the load that a motion lacks, ∂a/∂w is M⁻¹ ∂r/∂w at the accelerations a. The springs' inverse is
-    differentiated by the implicit function theorem, so the derivative is that of the law itself, at τ = 0 too. A coupled
-    rotor brings its torque to all joints before its own; that torque counts as known in r, and the chain rule joins both.
+    differentiated by the implicit function theorem, so the derivative is that of the law itself, at τ = 0 too. A
+    coupled rotor brings its torque to all joints before its own: that torque has a name in r, so that the derivative by
+    each of the many parameters that it depends on is one factor of its column.
     """
     spring = {j: SX.sym(f"spring_{j}") for j in model.flexible}
     drives = {j: model.drive_outputs(j, model.joint_parameters(j), spring_torque=spring.get(j)) for j in model.joints}

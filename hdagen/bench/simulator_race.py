@@ -76,7 +76,10 @@ def compare_simulators(times: Mapping[str, Array], step: Array) -> dict[str, Arr
         reached["step_against_mujoco"] = times[MUJOCO_STEP] / step
     if PINOCCHIO_ABA in times:
         theirs = times[PINOCCHIO_ABA] - times[PINOCCHIO_CALL]
-        reached |= {"forward_dynamics_against_pinocchio": theirs / ours, "derivatives_against_pinocchio": slopes / theirs}
+        reached |= {
+            "forward_dynamics_against_pinocchio": theirs / ours,
+            "derivatives_against_pinocchio": slopes / theirs,
+        }
     return reached
 
 

@@ -37,7 +37,10 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument(
-        "robot", nargs="?", default=ROBOT, help=f"a preset or a robot.toml (default: {ROBOT}; bars are of it and of panda)"
+        "robot",
+        nargs="?",
+        default=ROBOT,
+        help=f"a preset or a robot.toml (default: {ROBOT}; bars are of it and of panda)",
     )
     p.add_argument("--quick", action="store_true", help="a tenth of the rounds; the tails say little then")
     p.add_argument(

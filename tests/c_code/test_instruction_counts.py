@@ -55,7 +55,8 @@ def program(compiled: Compiled, folder: Path) -> Path:
         shutil.copyfile(compiled.folder / source, folder / source)
     compile_library(folder, [*MODEL_SOURCES, *parts], "portable", MODEL, None)
     calls = "".join(
-        f'        if (strcmp(words[1], "{name}") == 0) hda_{name}({arguments});\n' for name, arguments in ARGUMENTS.items()
+        f'        if (strcmp(words[1], "{name}") == 0) hda_{name}({arguments});\n'
+        for name, arguments in ARGUMENTS.items()
     )
     (folder / "calls.c").write_text(PROGRAM % (", ".join(map(repr, map(float, compiled.nominal))), calls))
     command = [*find_compiler().command, *compiler_flags("portable"), "calls.c", MODEL, "-Wl,-rpath,.", "-lm"]
