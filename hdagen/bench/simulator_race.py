@@ -23,6 +23,7 @@ STEPS = 500  # in a run
 OURS, OURS_WITH_DERIVATIVES = "forward dynamics", "forward dynamics with derivatives"  # names of runs
 MUJOCO_STEP = "MuJoCo, Runge–Kutta step"
 PINOCCHIO_ABA, PINOCCHIO_CALL = "Pinocchio, ABA from Python", "Pinocchio, an empty call"
+RACED_RUNS = (OURS, OURS_WITH_DERIVATIVES, PINOCCHIO_ABA, PINOCCHIO_CALL, MUJOCO_STEP)
 SPREAD = 0.5  # rad and rad/s, of the states whose accelerations are timed
 
 Run = tuple[Callable[[], Any], int]
