@@ -142,8 +142,7 @@ def build_robot(
 ) -> tuple[Path, bool]:
     """Build a robot.
 
-    An intact build is used as it is; a damaged one, or one that another user may have written, is put aside and made
-    again.
+    An intact build is used as it is; a damaged one, or one that another user may write, is put aside and made again.
 
     Args:
         source: A preset's name or the path of a robot.toml.
@@ -170,13 +169,7 @@ def build_robot(
     library, effects, examined = assemble_library(source, load(source), extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
-    try:
-        if mpc:
-            check_memory(
-                mpc, library.graphs.model.n, 2 * library.graphs.model.n + 2 * len(library.graphs.model.flexible)
-            )
-    except StructureError as error:
-        raise BuildError(str(error)) from None
+    _check_memory(mpc, library)
     if locate_build(source, profile, out, extra, mpc)[2] != content:
         raise BuildError(f"{source}: the file changed while it was read; build again.")
     try:
@@ -196,6 +189,16 @@ def build_robot(
             "writable folder with --out."
         ) from error
     return folder, True
+
+
+def _check_memory(mpc: Structure | None, made: Library) -> None:
+    """Raise BuildError where the predictive controller is too large."""
+    n, flexible = made.graphs.model.n, len(made.graphs.model.flexible)
+    try:
+        if mpc:
+            check_memory(mpc, n, 2 * n + 2 * flexible)
+    except StructureError as error:
+        raise BuildError(str(error)) from None
 
 
 def assemble_library(

@@ -24,7 +24,7 @@ from gen.model.right_hand_side import Preparation
 LONGEST_FUNCTION = 16000  # statements, from which a function is printed in parts
 LONGEST_PART = 2500  # statements of one part
 DEFINITION = re.compile(r"const double (t\d+) = (.*);")
-STORE = re.compile(r"(\w+)\[(\d+)\] = (t\d+);")
+RESULT = re.compile(r"(\w+)\[(\d+)\] = (t\d+);")
 VALUE = re.compile(r"\bt\d+\b")
 ZERO = format_double(0.0)
 
@@ -52,7 +52,7 @@ def emit_function(f: ca.Function, name: str) -> tuple[str, list[str]]:
         return scalar_function(f, name), []
     lines = emit_body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
     definitions = [(found[1], found[2]) for line in lines if (found := DEFINITION.fullmatch(line))]
-    results = [(found[1], int(found[2]), found[3]) for line in lines if (found := STORE.fullmatch(line))]
+    results = [(found[1], int(found[2]), found[3]) for line in lines if (found := RESULT.fullmatch(line))]
     kept = {value for _, _, value in results}
     zeros = {value for value, text in definitions if text == ZERO}
     plain = {value: text for value, text in definitions if not (VALUE.search(text) or "(" in text)}

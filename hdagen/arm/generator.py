@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from hdagen.arm.build_progress import PROGRESS_MARK, tell_build_stage
+from hdagen.arm.running_builds import PROGRESS_MARK, tell_build_stage
 from hdagen.support.child_processes import start_child_process
 
 INTERRUPT_PATIENCE = 5.0  # s that an interrupted build has to remove its files

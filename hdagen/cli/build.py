@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
 
     """
     from hdagen.arm.build_loader import find_or_build
-    from hdagen.arm.build_progress import show_builds
+    from hdagen.arm.running_builds import show_builds
 
     with show_builds():
         folder = find_or_build(options.robot, options.profile, read_effect_names(options), options.out)

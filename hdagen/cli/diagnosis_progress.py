@@ -60,7 +60,7 @@ def _show_live_line() -> Iterator[Progress]:
     from rich.progress import Progress as LiveLine
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from hdagen.arm.build_progress import listen_to_builds
+    from hdagen.arm.running_builds import listen_to_builds
     from hdagen.diagnosis.progress import Progress
 
     stage = [""]

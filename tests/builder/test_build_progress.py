@@ -18,7 +18,7 @@ from stub_compiler import stub_compiler
 from gen.builder import compiler
 from gen.builder.build import build_robot
 from hdagen.arm.build_loader import find_or_build
-from hdagen.arm.build_progress import listen_to_builds, tell_build_stage
+from hdagen.arm.running_builds import listen_to_builds, tell_build_stage
 
 ROOT = Path(__file__).parents[2]
 COMPILING = re.compile(r"compiling, (\d+) of (\d+) objects")
