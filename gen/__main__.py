@@ -100,6 +100,7 @@ def _make_parser() -> argparse.ArgumentParser:
     build.add_argument("--out", type=Path, default=Path("build"), help="where the folder goes (default: build)")
     build.add_argument("--effects", default="", help="effects to add to the model, separated by commas, or all")
     build.add_argument("--mpc", default="", help="add a predictive controller: nodes=20,walls=2,space=tip (or joint)")
+    build.add_argument("--progress", action="store_true", help="print each stage as a line to standard error")
     listed = commands.add_parser("list", help="list the builds")
     listed.add_argument("--out", type=Path, default=Path("build"))
     check = commands.add_parser("check", help="validate a robot and describe its build")
@@ -161,10 +162,13 @@ def _read_effect_names(options: argparse.Namespace) -> tuple[str, ...]:
 
 def _build_robot(options: argparse.Namespace) -> int:
     from gen.builder.build import build_robot
+    from gen.builder.build_progress import show_stages
     from gen.mpc.problem_structure import parse_structure
 
     structure = parse_structure(options.mpc)
-    folder, made = build_robot(options.robot, options.profile, options.out, _read_effect_names(options), structure)
+    effects = _read_effect_names(options)
+    with show_stages(options.progress) as on_stage:
+        folder, made = build_robot(options.robot, options.profile, options.out, effects, structure, on_stage)
     outcome = "unchanged"
     if made:
         outcome = "built"

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from hdagen.bench import measured_tables, published_figures
-from hdagen.bench.benchmark import BenchRequirement
+from hdagen.bench.benchmark import BAR_FILES, BenchRequirement
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = published_figures.list_documents(ROOT)
@@ -35,12 +35,13 @@ def test_every_table_stands_somewhere() -> None:
     assert [name for name in published_figures.DOCUMENT_TABLES if f"<!-- {name}: begin -->" not in text] == []
 
 
-def test_the_bars_of_the_last_run_are_those_of_today(found: dict[str, Any]) -> None:
-    asked = tomllib.loads((resources.files("hdagen.bench") / "bars.toml").read_text())
-    bars = {bar["name"]: BenchRequirement(**bar) for bar in found["bench"]["bars"]}
+@pytest.mark.parametrize(("source", "robot"), [("bench", "paper"), ("panda", "panda")])
+def test_the_bars_of_the_last_run_are_those_of_today(source: str, robot: str, found: dict[str, Any]) -> None:
+    asked = tomllib.loads((resources.files("hdagen.bench") / BAR_FILES[robot]).read_text())
+    bars = {bar["name"]: BenchRequirement(**bar) for bar in found[source]["bars"]}
     assert {name: (bar.bar, bar.bound, bar.unit) for name, bar in bars.items()} == {
         name: (entry["bar"], entry["bound"], entry["unit"]) for name, entry in asked.items()
-    }, "call `hdagen bench --json > docs/bench.json`, then `python -m hdagen.bench.published_figures`"
+    }, f"call {published_figures.SOURCES[source]}, then `python -m hdagen.bench.published_figures`"
     for bar in bars.values():
         reached = bar.reached >= bar.bar if bar.bound == "least" else bar.reached <= bar.bar
         assert bar.met in (reached, None)

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gen.builder import compiler, object_cache
+from gen.builder.build_progress import StageListener, ignore_stage
 from gen.builder.ownership import find_other_writer
 from gen.mpc.problem_structure import Structure, StructureError, check_memory
 from gen.presets import find_presets
@@ -132,12 +133,16 @@ def locate_build(
 
 
 def build_robot(
-    source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
+    source: str,
+    profile: str,
+    out: Path,
+    extra: tuple[str, ...] = (),
+    mpc: Structure | None = None,
+    on_stage: StageListener = ignore_stage,
 ) -> tuple[Path, bool]:
     """Build a robot.
 
-    An intact build is used as it is; a damaged one, or one that another user may have written, is put aside and made
-    again.
+    An intact build is used as it is; a damaged one, or one that another user may write, is put aside and made again.
 
     Args:
         source: A preset's name or the path of a robot.toml.
@@ -145,6 +150,7 @@ def build_robot(
         out: The folder of all builds.
         extra: Names of the effects to add.
         mpc: Structure of the predictive controller; None leaves it out.
+        on_stage: Is told each stage as it begins.
 
     Returns:
         The folder of the build, and whether it was made just now.
@@ -159,16 +165,11 @@ def build_robot(
     folder, name, content = locate_build(source, profile, out, extra, mpc)
     if is_intact(folder, name):
         return folder, False
+    on_stage("writing the equations")
     library, effects, examined = assemble_library(source, load(source), extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
-    try:
-        if mpc:
-            check_memory(
-                mpc, library.graphs.model.n, 2 * library.graphs.model.n + 2 * len(library.graphs.model.flexible)
-            )
-    except StructureError as error:
-        raise BuildError(str(error)) from None
+    _check_memory(mpc, library)
     if locate_build(source, profile, out, extra, mpc)[2] != content:
         raise BuildError(f"{source}: the file changed while it was read; build again.")
     try:
@@ -180,7 +181,7 @@ def build_robot(
             for stale in out.glob(f".*{PARTIAL_BUILD_PREFIX}*"):  # left by a build that was killed; the lock is ours
                 _remove_tree(stale)
             object_cache.discard_parts(out / OBJECT_FOLDER)
-            _write_build(library, effects, profile, folder, name, mpc)
+            _write_build(library, effects, profile, folder, name, mpc, on_stage)
     except OSError as error:
         why = error.strerror or error
         raise BuildError(
@@ -188,6 +189,16 @@ def build_robot(
             "writable folder with --out."
         ) from error
     return folder, True
+
+
+def _check_memory(mpc: Structure | None, made: Library) -> None:
+    """Raise BuildError where the predictive controller is too large."""
+    n, flexible = made.graphs.model.n, len(made.graphs.model.flexible)
+    try:
+        if mpc:
+            check_memory(mpc, n, 2 * n + 2 * flexible)
+    except StructureError as error:
+        raise BuildError(str(error)) from None
 
 
 def assemble_library(
@@ -235,7 +246,13 @@ def assemble_library(
 
 
 def _write_build(
-    made: Library, effects: tuple[Effect, ...], profile: str, folder: Path, name: str, mpc: Structure | None
+    made: Library,
+    effects: tuple[Effect, ...],
+    profile: str,
+    folder: Path,
+    name: str,
+    mpc: Structure | None,
+    on_stage: StageListener,
 ) -> None:
     """Make the folder beside its place and move it there; the lock is held."""
     from gen.builder import build_files
@@ -250,6 +267,7 @@ def _write_build(
     }
     if profile == "native":
         how["cpu"] = compiler.cpu_flags()
+    on_stage("printing the C")
     files = build_files.make_files(made, effects, name, how, profile == "native", mpc)
     part = folder.with_name(f".{folder.name}{PARTIAL_BUILD_PREFIX}{os.getpid()}")
     aside = part.with_name(f"{part.name}-old")
@@ -261,7 +279,7 @@ def _write_build(
         kept: Path | None = folder.parent / OBJECT_FOLDER
         if find_other_writer(folder.parent / OBJECT_FOLDER):
             kept = None
-        compiler.compile_library(part, compiled, profile, library, kept)
+        compiler.compile_library(part, compiled, profile, library, kept, on_stage)
         manifest = json.loads(files["manifest.json"])
         manifest["files"] = {f.name: _hash_file(f) for f in sorted(part.iterdir()) if f.name != "manifest.json"}
         manifest["seal"] = hash_manifest(manifest)

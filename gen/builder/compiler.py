@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -20,6 +20,7 @@ from pathlib import Path
 from threading import Event
 
 from gen.builder import object_cache
+from gen.builder.build_progress import StageListener, ignore_stage
 from gen.builder.deciding_text import collect_deciding_text
 
 PROFILES = {
@@ -145,7 +146,14 @@ def compiler_flags(profile: str) -> tuple[str, ...]:
     return (*COMMON_FLAGS, *PROFILES[profile])
 
 
-def compile_library(folder: Path, sources: list[str], profile: str, name: str, kept: Path | None) -> None:
+def compile_library(
+    folder: Path,
+    sources: list[str],
+    profile: str,
+    name: str,
+    kept: Path | None,
+    on_stage: StageListener = ignore_stage,
+) -> None:
     """Compile sources, two at a time, the longest first, and link them into a library; the objects are removed.
 
     Args:
@@ -154,6 +162,7 @@ def compile_library(folder: Path, sources: list[str], profile: str, name: str, k
         profile: ``portable`` or ``native``.
         name: File name of the library.
         kept: Folder of the objects that were compiled before for robots of the same structure; None keeps none.
+        on_stage: Is told how many objects are there.
 
     Raises:
         CompileError: There is no compiler, or it failed.
@@ -175,16 +184,27 @@ def compile_library(folder: Path, sources: list[str], profile: str, name: str, k
                 pool.submit(_compile_object, folder, source, profile, kept, headers, over, group)
                 for source in longest_first
             ]
-            for done in work:
-                while not wait([done], timeout=0.1).done:  # an interrupt just before a wait is heard only after it
-                    continue
-                done.result()
+            _await_objects(work, on_stage)
+            on_stage("linking")
             _run_compiler(link, folder / name, over, group)
         finally:
             over.set()  # after an error nothing more is begun, and running compilers are ended
             pool.shutdown(cancel_futures=True)
     for o in made:
         (folder / o).unlink()
+
+
+def _await_objects(work: list[Future[None]], on_stage: StageListener) -> None:
+    """Wait for the objects of a library, and tell how many are there; the first failure is raised."""
+    told = -1
+    while told < len(work):
+        ended = [one for one in work if one.done()]
+        for one in ended:
+            one.result()
+        if len(ended) > told:
+            told = len(ended)
+            on_stage(f"compiling, {told} of {len(work)} objects")
+        wait(work, timeout=0.1, return_when=FIRST_EXCEPTION)  # an interrupt just before a wait is heard only after it
 
 
 @contextmanager

@@ -3,21 +3,35 @@ the square of a function's length.
 
 A value that a later part needs goes through an array; inputs and constants are read again. The operations and their
 order are those of the whole function, so its results are the same to the bit.
+
+Results wait in the same array until every part has read its inputs, for they may lie where inputs were. The last parts
+only bring them to their places, one after the other: thousands of values that wait for their stores take a compiler
+longer than all the arithmetic. Runs of zeros, of which derivatives are full, are filled by loops.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from itertools import groupby
+from typing import Any
 
 import casadi as ca
 
-from gen.c_code.emitter import c_signature, emit_body, list_unused_inputs, scalar_function
+from gen.c_code.emitter import c_signature, emit_body, format_double, scalar_function
 from gen.model.right_hand_side import Preparation
 
 LONGEST_FUNCTION = 16000  # statements, from which a function is printed in parts
-LONGEST_PART = 8000  # statements of one part
+LONGEST_PART = 2500  # statements of one part
 DEFINITION = re.compile(r"const double (t\d+) = (.*);")
+RESULT = re.compile(r"(\w+)\[(\d+)\] = (t\d+);")
 VALUE = re.compile(r"\bt\d+\b")
+ZERO = format_double(0.0)
+
+LONG_RUN = 16  # zeros, from which they are filled by a loop
+
+Definition = tuple[str, str]  # name of a value, and its C expression
+Result = tuple[str, int, str]  # output, entry, and name of the value
 
 
 def emit_function(f: ca.Function, name: str) -> tuple[str, list[str]]:
@@ -37,27 +51,25 @@ def emit_function(f: ca.Function, name: str) -> tuple[str, list[str]]:
     if f.n_instructions() <= LONGEST_FUNCTION:
         return scalar_function(f, name), []
     lines = emit_body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
-    computed = [line for line in lines if line.startswith("const ")]
-    stored = [line for line in lines if not line.startswith("const ")]
-    definitions = [(found[1], found[2]) for line in computed if (found := DEFINITION.fullmatch(line))]
-    late = set(VALUE.findall(" ".join(stored[LONGEST_PART:])))  # read when results may lie where inputs were
-    again = {value: text for value, text in definitions if not (VALUE.search(text) or "(" in text or value in late)}
+    definitions = [(found[1], found[2]) for line in lines if (found := DEFINITION.fullmatch(line))]
+    results = [(found[1], int(found[2]), found[3]) for line in lines if (found := RESULT.fullmatch(line))]
+    kept = {value for _, _, value in results}
+    zeros = {value for value, text in definitions if text == ZERO}
+    plain = {value: text for value, text in definitions if not (VALUE.search(text) or "(" in text)}
+    again = {value: text for value, text in plain.items() if value not in kept - zeros}
     steps = [pair for pair in definitions if pair[0] not in again]
-    blocks = [(steps[k : k + LONGEST_PART], list[str]()) for k in range(0, len(steps), LONGEST_PART)]
-    blocks[-1] = (blocks[-1][0], stored[:LONGEST_PART])  # everything is read before anything is written
-    blocks += [([], stored[k : k + LONGEST_PART]) for k in range(LONGEST_PART, len(stored), LONGEST_PART)]
-    reads = []
-    for block, stores in blocks:
-        texts = [text for _, text in block] + stores
-        reads.append(dict.fromkeys(value for text in texts for value in VALUE.findall(text)))
-    places, size = _assign_places([block for block, _ in blocks], reads)
+    blocks = list(_cut(steps))
+    places, size = _assign_places(blocks, kept)
+    inputs = [f.name_in(k) for k in range(f.n_in())]
+    outputs = [f.name_out(k) for k in range(f.n_out())]
+    bodies = [([*inputs, "w"], len(inputs), _print_part(block, again, places)) for block in blocks]
+    bodies += [(["w", *outputs], 1, stores) for stores in _cut(_print_stores(results, zeros, places))]
     parts, heads, calls = [], [], []
-    for k, (block, stores) in enumerate(blocks, 1):
-        names = [*map(f.name_in, range(f.n_in())), "w", *map(f.name_out, range(f.n_out() if stores else 0))]
-        kinds = ["const double *"] * f.n_in() + ["double *"] * (len(names) - f.n_in())
+    for k, (names, given, body) in enumerate(bodies, 1):
+        kinds = ["const double *"] * given + ["double *"] * (len(names) - given)
         head = f"void hda_{name}_{k}({', '.join(map(''.join, zip(kinds, names, strict=True)))})"
-        body = _print_part(block, list(reads[k - 1]), again, places) + stores
-        unused = [f"(void){argument};" for argument in list_unused_inputs(f, " ".join(body))]
+        text = " ".join(body)
+        unused = [f"(void){argument};" for argument in names if not re.search(rf"\b{argument}\[", text)]
         parts.append(f"{head};\n\n{head} {{\n" + "".join(f"    {line}\n" for line in unused + body) + "}\n")
         heads.append(f"{head};\n")
         calls.append(f"    hda_{name}_{k}({', '.join(names)});\n")
@@ -103,10 +115,34 @@ def emit_preparation(prepared: Preparation) -> tuple[str, list[str]]:
     return "\n".join(parts) + f"\nvoid hda_prepare(const double *p, double *c) {{\n{body_text}}}\n", split
 
 
-def _assign_places(blocks: list[list[tuple[str, str]]], reads: list[dict[str, None]]) -> tuple[dict[str, int], int]:
-    """The place in the array of each value that crosses parts, used again once it was read for the last time."""
-    made = {value: k for k, block in enumerate(blocks) for value, _ in block}
-    last = {value: k for k, read in enumerate(reads) for value in read if value in made}
+def _cut(statements: list[Any]) -> Iterator[list[Any]]:
+    """The statements in blocks of at most LONGEST_PART."""
+    for first in range(0, len(statements), LONGEST_PART):
+        yield statements[first : first + LONGEST_PART]
+
+
+def _print_stores(results: list[Result], zeros: set[str], places: dict[str, int]) -> list[str]:
+    """The statements that bring results from the array to their places; long runs of zeros are loops."""
+    lines = []
+    for (output, is_zero), run in groupby(sorted(results), lambda result: (result[0], result[2] in zeros)):
+        entries = [(entry, value) for _, entry, value in run]
+        first, last = entries[0][0], entries[-1][0]
+        if is_zero and len(entries) >= LONG_RUN:
+            lines.append(f"for (int i = {first}; i <= {last}; i++) {output}[i] = {ZERO};")
+        elif is_zero:
+            lines += [f"{output}[{entry}] = {ZERO};" for entry, _ in entries]
+        else:
+            lines += [f"{output}[{entry}] = w[{places[value]}];" for entry, value in entries]
+    return lines
+
+
+def _assign_places(blocks: list[list[Definition]], kept: set[str]) -> tuple[dict[str, int], int]:
+    """The place in the array of each value that crosses parts or is ``kept`` as a result, and the size of the array.
+
+    A place is used again once its value was read for the last time.
+    """
+    reads = [{value for _, text in block for value in VALUE.findall(text)} for block in blocks]
+    last = {value: k for k, read in enumerate(reads) for value in read} | dict.fromkeys(kept, len(blocks))
     places: dict[str, int] = {}
     free: list[int] = []
     size = 0
@@ -117,20 +153,23 @@ def _assign_places(blocks: list[list[tuple[str, str]]], reads: list[dict[str, No
                     free.append(size)
                     size += 1
                 places[value] = free.pop()
-        free += [places[value] for value in reads[k] if value in places and last[value] == k]
+        free += sorted(places[value] for value in reads[k] if value in places and last[value] == k)
     return places, max(size, 1)
 
 
-def _print_part(
-    block: list[tuple[str, str]], read: list[str], again: dict[str, str], places: dict[str, int]
-) -> list[str]:
-    """The statements of one part: values from before, its own, and those that a later part needs."""
-    own = {value for value, _ in block}
+def _print_part(block: list[Definition], again: dict[str, str], places: dict[str, int]) -> list[str]:
+    """The statements of one part. A value from before is read where it is needed first, and one that is needed later is
+    put away at once, so that few wait for a register."""
+    known: set[str] = set()
     lines = []
-    for value in read:
-        if value in again:
-            lines.append(f"const double {value} = {again[value]};")
-        elif value not in own:
-            lines.append(f"const double {value} = w[{places[value]}];")
-    lines += [f"const double {value} = {text};" for value, text in block]
-    return lines + [f"w[{places[value]}] = {value};" for value, _ in block if value in places]
+    for value, text in block:
+        for operand in VALUE.findall(text):
+            if operand not in known:
+                known.add(operand)
+                source = again.get(operand) or f"w[{places[operand]}]"
+                lines.append(f"const double {operand} = {source};")
+        known.add(value)
+        lines.append(f"const double {value} = {text};")
+        if value in places:
+            lines.append(f"w[{places[value]}] = {value};")
+    return lines

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -337,13 +337,17 @@ def _rate_jacobians(model: Model) -> list[Any]:
     """∂ẋ/∂x, ∂ẋ/∂u, ∂ẋ/∂p, differentiated neither through an iteration nor through a factorisation.
 
     With r the load that a motion lacks, ∂a/∂w is M⁻¹ ∂r/∂w at the accelerations a. The springs' inverse is
-    differentiated by the implicit function theorem, so the derivative is that of the law itself, at τ = 0 too.
+    differentiated by the implicit function theorem, so the derivative is that of the law itself, at τ = 0 too. A
+    coupled rotor brings its torque to all joints before its own: that torque has a name in r, so that the derivative by
+    each of the many parameters that it depends on is one factor of its column.
     """
     spring = {j: SX.sym(f"spring_{j}") for j in model.flexible}
     drives = {j: model.drive_outputs(j, model.joint_parameters(j), spring_torque=spring.get(j)) for j in model.joints}
     motion = ArmMotion(model)
     a, places = motion.name_accelerations()
-    load, rate = motion.unbalanced_load(drives, a), motion.state_rate(drives, a, [1] * model.n)
+    spread = {j: SX.sym(f"net_torque_{j}") for j in motion.rotors}
+    known = {j: replace(d, net_torque=spread.get(j, d.net_torque)) for j, d in drives.items()}
+    load, rate = motion.unbalanced_load(known, a), motion.state_rate(known, a, [1] * model.n)
     law = {j: harmonic_drive.spring_constants(model.joint_parameters(j)) for j in model.flexible}
     torques = [
         harmonic_drive.spring_torque(drives[j].effective_torsion, law[j], model.inverse_symbols[j], model.plan)
@@ -351,17 +355,22 @@ def _rate_jacobians(model: Model) -> list[Any]:
     ]
     accelerations = motion.equations_of_motion(drives)[0][places]
     by_unknown = ca.jacobian(rate, a) @ motion.invert_residual()
+    spread_torques, net_torques = ca.vertcat(*spread.values()), ca.vertcat(*(drives[j].net_torque for j in spread))
+    by_spread = by_unknown @ ca.jacobian(load, spread_torques)
     out = []
     for w in (model.x, model.u, model.p):
-        by_load, by_rate = ca.jacobian(load, w), ca.jacobian(rate, w)
+        by_load, by_rate, by_net = (ca.jacobian(of, w) for of in (load, rate, net_torques))
         for j in model.flexible:
             slack = ca.jacobian(
                 drives[j].effective_torsion - harmonic_drive.spring_torsion(spring[j], law[j]), w
             ) / harmonic_drive.spring_compliance(spring[j], law[j])
-            by_load, by_rate = (
-                by + ca.jacobian(of, spring[j]) @ slack for by, of in ((by_load, load), (by_rate, rate))
+            by_load, by_rate, by_net = (
+                by + ca.jacobian(of, spring[j]) @ slack
+                for by, of in ((by_load, load), (by_rate, rate), (by_net, net_torques))
             )
         total = by_rate + by_unknown @ by_load  # most parameters stand in one torque: a column of the product each
+        if spread:
+            total = ca.substitute(total + by_spread @ by_net, spread_torques, net_torques)
         total = ca.substitute(total, a, accelerations)
         if spring:
             total = ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*torques))

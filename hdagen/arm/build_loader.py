@@ -115,7 +115,7 @@ def find_or_build(
         structure = mpc.structure
     wanted = [f"--effects={','.join(effects)}", f"--mpc={structure}"]
     try:
-        return Path(_run_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
+        return Path(_run_gen("build", "--progress", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
     except _NoCompilerError as error:
         request = BuildRequest(name, profile, effects, structure)
         if (received := find_received_build(folder, request)) is not None:

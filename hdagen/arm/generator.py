@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from hdagen.arm.running_builds import PROGRESS_MARK, tell_build_stage
 from hdagen.support.child_processes import start_child_process
 
 INTERRUPT_PATIENCE = 5.0  # s that an interrupted build has to remove its files
@@ -35,7 +36,7 @@ class GeneratorRun:
 def run_generator(*arguments: str, module: str = "gen") -> GeneratorRun:
     """Run the generator in a child process.
 
-    Its message that a build begins is passed on to standard error at once.
+    Its message that a build begins is passed on to standard error at once, its stages to who listens to builds.
 
     Args:
         arguments: The words of its command line.
@@ -66,6 +67,9 @@ def run_generator(*arguments: str, module: str = "gen") -> GeneratorRun:
         messages = []
         try:
             for line in child.stderr or ():
+                if line.startswith(PROGRESS_MARK):
+                    tell_build_stage(child.pid, line.removeprefix(PROGRESS_MARK).rstrip())
+                    continue
                 messages.append(line.rstrip())
                 if line.startswith("building"):
                     print(line.rstrip(), file=sys.stderr, flush=True)
@@ -75,5 +79,7 @@ def run_generator(*arguments: str, module: str = "gen") -> GeneratorRun:
             with suppress(subprocess.TimeoutExpired):
                 child.wait(INTERRUPT_PATIENCE)
             raise
+        finally:
+            tell_build_stage(child.pid, "")
         printed.seek(0)
         return GeneratorRun(child.returncode, tuple(printed.read().splitlines()), tuple(messages))

@@ -22,13 +22,14 @@ from hdagen.arm.build_loader import PlantError, find_build_folder
 from hdagen.arm.compiled_arm import Arm, load
 from hdagen.arm.preset_files import find_preset_files
 from hdagen.bench.host_computer import describe_machine
-from hdagen.bench.simulator_race import list_simulator_runs
+from hdagen.bench.simulator_race import compare_simulators, list_simulator_runs
 from hdagen.control.guard_limits import Guard, Safe
 from hdagen.control.guarded_controller import Controller
 from hdagen.prediction.measurement_model import count_mechanical_states
 from hdagen.support.child_processes import start_child_process
 
-ROBOT = "paper"  # of which the bars are
+ROBOT = "paper"  # of which most bars are
+BAR_FILES = {ROBOT: "bars.toml", "panda": "bars_panda.toml"}  # of the robots that have bars
 PERIOD_NS = 1e6  # ns, of a loop at 1 kHz
 CONTESTANTS = ("native", "portable", "casadi_c", "interpreter")
 ACCURACY_STEP, ACCURACY_SECONDS, ACCURACY_CURRENT, ACCURACY_FREQUENCY = (
@@ -80,6 +81,7 @@ class BenchResult:
     timings: tuple[Timing, ...]
     bars: tuple[BenchRequirement, ...]
     machine: dict[str, str]
+    absent: tuple[str, ...] = ()  # simulators that bars are beside and that are not installed
 
     @property
     def is_noisy(self) -> bool:
@@ -94,8 +96,7 @@ def run_bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> 
     Args:
         rounds: Rounds over which times are taken.
         stage: Hears the name of each measurement as it begins.
-        robot: A preset or the path of a robot.toml. Of another robot than `ROBOT`, whose the bars are, only times are
-            measured.
+        robot: A preset or the path of a robot.toml. Of one that is not in `BAR_FILES` only times are measured.
 
     Returns:
         The measurements.
@@ -123,14 +124,18 @@ def run_bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> 
         stage("other simulators")
         raced_too = _time_in_turns(list_simulator_runs(native), rounds)
         timings += [_summarize_loop(name, values) for name, values in raced_too.items()]
-        return BenchResult(tuple(timings), (), machine | _describe_build(native))
+        machine |= _describe_build(native)
+        if robot not in BAR_FILES:
+            return BenchResult(tuple(timings), (), machine)
+        reached = bars | compare_simulators(raced_too, loops["step upon step in C"])
+        judged, absent = _judge_requirements(robot, reached, int(native.module.batch_width))
+        return BenchResult(tuple(timings), judged, machine, absent)
     stage("accuracy")
     accuracy = _measure_accuracy(rounds)
     stage("building from nothing")
     reached |= bars | accuracy | _time_builds(load(ROBOT))
-    return BenchResult(
-        tuple(timings), _judge_requirements(reached, int(native.module.batch_width)), machine | _describe_build(native)
-    )
+    judged, absent = _judge_requirements(ROBOT, reached, int(native.module.batch_width))
+    return BenchResult(tuple(timings), judged, machine | _describe_build(native), absent)
 
 
 def _race_functions(robot: str, rounds: int) -> dict[str, Any]:
@@ -163,11 +168,16 @@ def _summarize_loop(name: str, values: Sequence[float] | Array) -> Timing:
     return Timing(name, median, median, p99, p999, float(v.max()), {})
 
 
-def _judge_requirements(reached: dict[str, Array], width: int) -> tuple[BenchRequirement, ...]:
-    """Every bar of bars.toml with the reached figure."""
-    table = tomllib.loads((resources.files("hdagen.bench") / "bars.toml").read_text())
+def _judge_requirements(
+    robot: str, reached: dict[str, Array], width: int
+) -> tuple[tuple[BenchRequirement, ...], tuple[str, ...]]:
+    """Every bar of a robot with the reached figure, and the simulators without which some have none."""
+    table = tomllib.loads((resources.files("hdagen.bench") / BAR_FILES[robot]).read_text())
+    absent = {entry["beside"]: None for name, entry in table.items() if "beside" in entry and name not in reached}
     bars = []
     for name, entry in table.items():
+        if entry.get("beside") in absent:
+            continue
         values = np.atleast_1d(reached[name])
         value = float(np.median(values))
         met: bool | None = value <= entry["bar"]
@@ -179,7 +189,7 @@ def _judge_requirements(reached: dict[str, Array], width: int) -> tuple[BenchReq
         bars.append(
             BenchRequirement(name, entry["bar"], entry["bound"], entry["unit"], value, (float(low), float(high)), met)
         )
-    return tuple(bars)
+    return tuple(bars), tuple(absent)
 
 
 def _describe_build(arm: Arm) -> dict[str, str]:

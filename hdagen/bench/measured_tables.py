@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from hdagen.bench.simulator_race import RACED_RUNS
+
 SourceContents = Mapping[str, Any]  # content of each source, by name
+OWN_RUNS = ("step upon step in C", "batch")  # loops of ours that the bars of `hdagen bench panda` rest on
 
 
 # -- words ------------------------------------------------------------------------------------------------------------
@@ -39,7 +42,11 @@ def _format_limit(bar: Mapping[str, Any]) -> str:
 
 def _find_bench_bars(found: SourceContents) -> dict[str, dict[str, Any]]:
     """The bars of `hdagen bench` by name; those that this machine's vectors are too narrow for are not judged."""
-    return {bar["name"]: bar | {"asked": bar["bar"]} for bar in found["bench"]["bars"]}
+    return _list_bars(found["bench"])
+
+
+def _list_bars(bench: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    return {bar["name"]: bar | {"asked": bar["bar"]} for bar in bench["bars"]}
 
 
 def _list_predictive_bars(found: SourceContents) -> list[dict[str, Any]]:
@@ -222,11 +229,6 @@ def build_bench_tables(found: SourceContents) -> str:
         Markdown.
 
     """
-    bars = []
-    for name, bar in _find_bench_bars(found).items():
-        low, high = (_format_number(value) for value in bar["spread"])
-        verdict = "not judged: vectors are narrower here" if bar["met"] is None else _format_verdict(bar)
-        bars.append((f"`{name}`", _format_limit(bar), _format_number(bar["reached"]), f"{low} to {high}", verdict))
     times = [
         (
             t["name"],
@@ -240,10 +242,38 @@ def build_bench_tables(found: SourceContents) -> str:
     ]
     heads = ("function or loop", "in a row", "portable", "CasADi's C", "median", "p99", "p99.9")
     return (
-        f"{_describe_machine(found['bench']['machine'])}\n\n"
-        f"{_format_table(('bar', 'asked', 'reached', '10 to 90 %', ''), bars)}\n"
+        f"{_build_bars_table(found['bench'])}\n"
         f"Nanoseconds a call, of loops a step, native profile:\n\n{_format_table(heads, times)}"
     )
+
+
+def build_panda_tables(found: SourceContents) -> str:
+    """Tabulate every bar of `hdagen bench panda`, then the times beside other simulators.
+
+    Args:
+        found: Content of each source, by name.
+
+    Returns:
+        Markdown.
+
+    """
+    timings = {t["name"]: t for t in found["panda"]["timings"]}
+    times = [(name, f"{timings[name]['row']:.0f}") for name in (*RACED_RUNS, *OWN_RUNS) if name in timings]
+    return (
+        f"{_build_bars_table(found['panda'])}\n"
+        f"Nanoseconds a call, of loops a step, native profile:\n\n{_format_table(('run', 'median'), times)}"
+    )
+
+
+def _build_bars_table(bench: Mapping[str, Any]) -> str:
+    """The machine, and every bar of one robot."""
+    bars = []
+    for name, bar in _list_bars(bench).items():
+        low, high = (_format_number(value) for value in bar["spread"])
+        verdict = "not judged: vectors are narrower here" if bar["met"] is None else _format_verdict(bar)
+        bars.append((f"`{name}`", _format_limit(bar), _format_number(bar["reached"]), f"{low} to {high}", verdict))
+    heads = ("bar", "asked", "reached", "10 to 90 %", "")
+    return f"{_describe_machine(bench['machine'])}\n\n{_format_table(heads, bars)}"
 
 
 def build_mpc_tables(found: SourceContents) -> str:

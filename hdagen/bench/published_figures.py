@@ -25,6 +25,7 @@ from hdagen.support.atomic_write import write_atomically
 
 SOURCES = {
     "bench": ("docs/bench.json", "hdagen bench --json"),
+    "panda": ("docs/bench_panda.json", "hdagen bench panda --json"),
     "predictive": ("docs/bench_mpc.json", "hdagen bench --mpc --json"),
     "sense": ("docs/sense.json", "hdagen mpc sense --json"),
     "demo": ("docs/demo.json", "hdagen demo --json"),
@@ -107,6 +108,7 @@ def _build_settings_table(stage: str, found: SourceContents) -> str:
 DOCUMENT_TABLES: dict[str, Callable[[SourceContents], str]] = {
     "reached": measured_tables.build_reached_table,
     "bench": measured_tables.build_bench_tables,
+    "bench panda": measured_tables.build_panda_tables,
     "predictive": measured_tables.build_mpc_tables,
     "sense": measured_tables.build_sensing_table,
     "blind": lambda found: rates.render_table(found["blind"]),

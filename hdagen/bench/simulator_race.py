@@ -8,17 +8,22 @@ from __future__ import annotations
 
 import importlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
 from hdagen.model_export.joint_numbers import read_robot_numbers
 from hdagen.model_export.mjcf_document import write_document
 
 STEPS = 500  # in a run
+OURS, OURS_WITH_DERIVATIVES = "forward dynamics", "forward dynamics with derivatives"  # names of runs
+MUJOCO_STEP = "MuJoCo, Runge–Kutta step"
+PINOCCHIO_ABA, PINOCCHIO_CALL = "Pinocchio, ABA from Python", "Pinocchio, an empty call"
+RACED_RUNS = (OURS, OURS_WITH_DERIVATIVES, PINOCCHIO_ABA, PINOCCHIO_CALL, MUJOCO_STEP)
 SPREAD = 0.5  # rad and rad/s, of the states whose accelerations are timed
 
 Run = tuple[Callable[[], Any], int]
@@ -40,8 +45,8 @@ def list_simulator_runs(arm: Arm) -> dict[str, Run]:
     x, u = rng.uniform(-SPREAD, SPREAD, (STEPS, arm.nx)), np.zeros((STEPS, arm.nu))
     out, slopes = np.empty((STEPS, arm.nx)), [np.empty(k * arm.nx) for k in (arm.nx, arm.nu, len(arm.p))]
     runs: dict[str, Run] = {
-        "forward dynamics": (lambda: arm.module.map("rhs", STEPS, x, u, arm.c, out), STEPS),
-        "forward dynamics with derivatives": (
+        OURS: (lambda: arm.module.map("rhs", STEPS, x, u, arm.c, out), STEPS),
+        OURS_WITH_DERIVATIVES: (
             lambda: arm.module.map("rhs_jacobian", STEPS, x, u, arm.c, *slopes),
             STEPS,
         ),
@@ -49,10 +54,34 @@ def list_simulator_runs(arm: Arm) -> dict[str, Run]:
     document = _write_model(arm)
     mujoco, pinocchio = _find_module("mujoco"), _find_module("pinocchio")
     if mujoco is not None:
-        runs["MuJoCo, Runge–Kutta step"] = _make_mujoco_run(mujoco, document)
+        runs[MUJOCO_STEP] = _make_mujoco_run(mujoco, document)
     if pinocchio is not None:
         runs |= _make_pinocchio_runs(pinocchio, document, x)
     return runs
+
+
+def compare_simulators(times: Mapping[str, Array], step: Array) -> dict[str, Array]:
+    """Compare an arm with the simulators that were timed beside it.
+
+    Args:
+        times: Time of each run of `list_simulator_runs`, ns a call or a step, over rounds.
+        step: Time of our Runge–Kutta step upon step in C, ns, over the same rounds.
+
+    Returns:
+        The figures of bars_panda.toml that rest on these, over rounds; of a simulator that was not timed none.
+
+    """
+    ours, slopes = times[OURS], times[OURS_WITH_DERIVATIVES]
+    reached = {"forward_dynamics": ours, "forward_dynamics_with_derivatives": slopes}
+    if MUJOCO_STEP in times:
+        reached["step_against_mujoco"] = times[MUJOCO_STEP] / step
+    if PINOCCHIO_ABA in times:
+        theirs = times[PINOCCHIO_ABA] - times[PINOCCHIO_CALL]
+        reached |= {
+            "forward_dynamics_against_pinocchio": theirs / ours,
+            "derivatives_against_pinocchio": slopes / theirs,
+        }
+    return reached
 
 
 def _find_module(name: str) -> Any:
@@ -107,4 +136,4 @@ def _make_pinocchio_runs(pinocchio: Any, document: str, x: Any) -> dict[str, Run
         for _ in states:
             pinocchio.checkVersionAtLeast(1, 0, 0)
 
-    return {"Pinocchio, ABA from Python": (accelerate, STEPS), "Pinocchio, an empty call": (call_nothing, STEPS)}
+    return {PINOCCHIO_ABA: (accelerate, STEPS), PINOCCHIO_CALL: (call_nothing, STEPS)}

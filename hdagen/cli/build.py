@@ -73,8 +73,10 @@ def run(options: argparse.Namespace) -> int:
 
     """
     from hdagen.arm.build_loader import find_or_build
+    from hdagen.arm.running_builds import show_builds
 
-    folder = find_or_build(options.robot, options.profile, read_effect_names(options), options.out)
+    with show_builds():
+        folder = find_or_build(options.robot, options.profile, read_effect_names(options), options.out)
     if options.json:
         print(json.dumps({"folder": str(folder), "profile": options.profile, "effects": read_effect_names(options)}))
     else:

@@ -60,10 +60,21 @@ def _show_live_line() -> Iterator[Progress]:
     from rich.progress import Progress as LiveLine
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
+    from hdagen.arm.running_builds import listen_to_builds
     from hdagen.diagnosis.progress import Progress
+
+    stage = [""]
+
+    def show_stage(_: float, words: str) -> None:
+        stage[0] = words
+        line.update(task, description=words)
+
+    def show_builds(words: str) -> None:
+        line.update(task, description=": ".join(filter(None, (stage[0], words))))
 
     columns = (SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
     console = Console(stderr=True)
     with LiveLine(*columns, console=console, transient=True, refresh_per_second=REFRESHES_PER_SECOND) as line:
         task = line.add_task("", total=None)
-        yield Progress(lambda _, words: line.update(task, description=words))
+        with listen_to_builds(show_builds):
+            yield Progress(show_stage)

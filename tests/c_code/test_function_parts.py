@@ -14,12 +14,14 @@ from gen.c_code import function_parts
 
 
 def test_a_function_in_parts_has_the_interpreters_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parts of 50 statements, whose inputs lie where the results go."""
+    """Parts of 50 statements, whose inputs lie where the results go; runs of zeros are filled by loops."""
     f = next(one.graph for one in assembled("paper").functions if one.name == "rhs_jacobian")
     monkeypatch.setattr(function_parts, "LONGEST_FUNCTION", 100)
     monkeypatch.setattr(function_parts, "LONGEST_PART", 50)
+    monkeypatch.setattr(function_parts, "LONG_RUN", 4)
     whole, parts = function_parts.emit_function(f, "every")
     assert len(parts) > 5
+    assert any("for (int i" in part for part in parts)
     (tmp_path / "text.c").write_text("#include <math.h>\n" + whole + "\n".join(parts))
     command = ["cc", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "text.c", "-o", "text.so", "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True)

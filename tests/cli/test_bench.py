@@ -20,17 +20,21 @@ from gen.robot.load_robot import load as describe
 from hdagen.__main__ import main
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import load
-from hdagen.bench import benchmark
+from hdagen.bench import benchmark, simulator_race
 from hdagen.cli import bench as bench_command
 
-BARS = tomllib.loads((Path(benchmark.__file__).parent / "bars.toml").read_text())
+FILES = {
+    robot: tomllib.loads((Path(benchmark.__file__).parent / file).read_text())
+    for robot, file in benchmark.BAR_FILES.items()
+}
+BARS = FILES["paper"]
 
 
-def figures(share: float) -> dict[str, np.ndarray]:
+def figures(share: float, robot: str = "paper") -> dict[str, np.ndarray]:
     """Numbers that beat every bar by ``share`` (below 1: that miss it)."""
     return {
         name: np.full(5, entry["bar"] * share if entry["bound"] == "least" else entry["bar"] / share)
-        for name, entry in BARS.items()
+        for name, entry in FILES[robot].items()
     }
 
 
@@ -38,20 +42,47 @@ def figures(share: float) -> dict[str, np.ndarray]:
 
 
 def test_every_bar_says_what_it_asks() -> None:
-    assert len(BARS) == 13
-    for entry in BARS.values():
+    assert {robot: len(bars) for robot, bars in FILES.items()} == {"paper": 13, "panda": 6}
+    for entry in (*BARS.values(), *FILES["panda"].values()):
         assert entry["bar"] > 0
         assert entry["bound"] in ("least", "most")
         assert entry["unit"]
 
 
 def test_bars_are_judged_both_ways() -> None:
-    assert all(bar.met for bar in benchmark._judge_requirements(figures(1.01), 8))
-    assert not any(bar.met for bar in benchmark._judge_requirements(figures(0.99), 8))
+    for robot in FILES:
+        assert all(bar.met for bar in benchmark._judge_requirements(robot, figures(1.01, robot), 8)[0])
+        assert not any(bar.met for bar in benchmark._judge_requirements(robot, figures(0.99, robot), 8)[0])
+
+
+def test_a_simulator_that_is_not_installed_is_named_and_judges_nothing() -> None:
+    reached = figures(1.01, "panda")
+    del reached["step_against_mujoco"]
+    bars, absent = benchmark._judge_requirements("panda", reached, 8)
+    assert absent == ("MuJoCo",)
+    assert {bar.name for bar in bars} == set(reached)
+
+
+def test_simulators_are_compared_in_the_rounds_of_one_run() -> None:
+    """Less the call of Pinocchio; of a simulator that was not timed there is no figure."""
+    times = {
+        simulator_race.OURS: np.array([1.0, 2.0]),
+        simulator_race.OURS_WITH_DERIVATIVES: np.array([5.0, 5.0]),
+        simulator_race.PINOCCHIO_ABA: np.array([11.0, 21.0]),
+        simulator_race.PINOCCHIO_CALL: np.array([1.0, 1.0]),
+    }
+    found = simulator_race.compare_simulators(times, np.array([4.0, 4.0]))
+    assert found["forward_dynamics_against_pinocchio"].tolist() == [10.0, 10.0]
+    assert found["derivatives_against_pinocchio"].tolist() == [0.5, 0.25]
+    assert "step_against_mujoco" not in found
+    times[simulator_race.MUJOCO_STEP] = np.array([12.0, 16.0])
+    found = simulator_race.compare_simulators(times, np.array([4.0, 4.0]))
+    assert found["step_against_mujoco"].tolist() == [3.0, 4.0]
+    assert found.keys() | {"batch_against_native_step"} == FILES["panda"].keys()
 
 
 def test_the_bar_of_wide_vectors_is_not_judged_on_narrow_ones() -> None:
-    narrow = {bar.name: bar.met for bar in benchmark._judge_requirements(figures(0.5), 4)}
+    narrow = {bar.name: bar.met for bar in benchmark._judge_requirements("paper", figures(0.5), 4)[0]}
     assert narrow.pop("batch_against_native_step") is None
     assert not any(narrow.values())
 
@@ -60,7 +91,7 @@ def test_a_bar_without_a_figure_is_not_passed_over() -> None:
     numbers = figures(2.0)
     del numbers["library_size"]
     with pytest.raises(KeyError, match="library_size"):
-        benchmark._judge_requirements(numbers, 8)
+        benchmark._judge_requirements("paper", numbers, 8)
 
 
 @pytest.mark.parametrize(("share", "code"), [(1.1, 0), (0.9, 1)])
@@ -72,7 +103,8 @@ def test_a_missed_bar_is_exit_code_1(
         one = benchmark._summarize_loop("rollout", [3.0, 1.0, 2.0])
         contest = {who: {"row": [3.0, 1.0, 2.0], "single": [1.0, 2.0, 3.0, 4.0]} for who in benchmark.CONTESTANTS}
         two = benchmark._summarize_contest("rhs", contest)
-        return benchmark.BenchResult((one, two), benchmark._judge_requirements(figures(share), 8), {"processor": "one"})
+        judged, _ = benchmark._judge_requirements("paper", figures(share), 8)
+        return benchmark.BenchResult((one, two), judged, {"processor": "one"}, ("MuJoCo",))
 
     monkeypatch.setattr(benchmark, "run_bench", measured)
     assert bench_command.run(argparse.Namespace(quick=True, json=True, mpc=False, robot="paper")) == code
@@ -83,6 +115,7 @@ def test_a_missed_bar_is_exit_code_1(
     assert bench_command.run(argparse.Namespace(quick=True, json=False, mpc=False, robot="paper")) == code
     printed = capsys.readouterr().out
     assert ("missed" in printed) == bool(code)
+    assert "not installed, so that nothing is compared with: MuJoCo" in printed
     assert "rhs" in printed
 
 
@@ -103,16 +136,16 @@ def test_of_another_robot_there_are_times_and_no_bars(
     assert {"rhs", "arm.rollout"} <= {t.name for t in found.timings}
     monkeypatch.setattr(benchmark, "run_bench", lambda rounds, stage, robot: found)
     assert main(["bench", "emps", "--quick"]) == 0
-    assert "bars are of paper alone" in capsys.readouterr().out
+    assert "bars are of paper and panda alone" in capsys.readouterr().out
     assert main(["bench", "emps", "--mpc"]) == 2
 
 
 def test_a_noisy_run_is_called_so() -> None:
     ratios = figures(1.5)
-    steady = benchmark.BenchResult((), benchmark._judge_requirements(ratios, 8), {})
+    steady = benchmark.BenchResult((), benchmark._judge_requirements("paper", ratios, 8)[0], {})
     ratios["native_rhs_against_casadi_c"] = np.array([2.0, 3.0, 4.0, 5.0, 6.0])
     assert not steady.is_noisy
-    assert benchmark.BenchResult((), benchmark._judge_requirements(ratios, 8), {}).is_noisy
+    assert benchmark.BenchResult((), benchmark._judge_requirements("paper", ratios, 8)[0], {}).is_noisy
 
 
 def test_a_child_that_fails_says_why() -> None:

@@ -154,6 +154,17 @@ def test_random_damage_is_read_or_refused(
     assert refused > 20
 
 
+@pytest.mark.parametrize("beginning", [b",'descr'", b"('descr'", b"{\n'descr"])
+def test_a_damaged_header_of_an_array_is_refused(
+    robot: Path, stored: StoredDiagnosis, tmp_path: Path, beginning: bytes
+) -> None:
+    content, path = (robot.parent / SEARCHES_FILE).read_bytes(), tmp_path / SEARCHES_FILE
+    simulators = {stored_searches.RIGID: stored.searches.null.sensitivities.shooting}
+    path.write_bytes(content.replace(b"{'descr'", beginning, 1))
+    with pytest.raises(InputFileError, match="holds no searches"):
+        stored_searches.read_searches(path, stored.judge.models.full.effects, simulators)
+
+
 def _shorten_parameters(content: bytes) -> bytes:
     """A file whose arrays of floats have one entry less."""
     arrays = {

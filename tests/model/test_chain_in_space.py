@@ -30,6 +30,7 @@ from hdagen.model_import.robot_writing import import_model
 KINDS = ("R", "P", "RR", "PR", "RP", "RRR", "PRP", "RRPR", "RRRRR", "RPRRRR", "RRRRRR", "RRRRRRR", "PRRRPRR")
 CHAINS = [space_robots.chain(kinds, seed, aligned) for seed, kinds in enumerate(KINDS) for aligned in (False, True)]
 LONG = [space_robots.chain("R" * 12, 3), space_robots.chain("RRPRRRPRRRRR", 4)]
+MIXED = space_robots.mixed_chains(20)
 STATES = 50  # of each chain: 1,300 in all
 CAMPAIGN_STATES = 10_000
 BOUND = 1e-10  # relative to the size of each state's result
@@ -205,10 +206,12 @@ def test_everything_agrees_with_mujoco(text: str) -> None:
     compare(text, MuJoCo(text), STATES)
 
 
-URDFS = {  # links of the chain's end in real models
+URDFS = {  # links of the chain's end in real models: five of 6 and 7 joints, and one of 5
     "panda": ("panda_description/urdf/panda.urdf", "panda_hand"),
     "ur5": ("ur_description/urdf/ur5_robot.urdf", "wrist_3_link"),
     "xarm7": ("xarm_description/urdf/xarm7.urdf", "link7"),
+    "ur10": ("ur_description/urdf/ur10_robot.urdf", "wrist_3_link"),
+    "z1": ("z1_description/urdf/z1.urdf", "link06"),
     "so101": ("so_arm_description/urdf/so101.urdf", "gripper_link"),
 }
 
@@ -222,16 +225,17 @@ def find_urdf(robot: str) -> Path:
 
 
 @pytest.mark.parametrize("robot", URDFS)
-def test_an_imported_urdf_is_what_pinocchio_reads(robot: str) -> None:
+@pytest.mark.parametrize("rows", [STATES, pytest.param(CAMPAIGN_STATES, marks=pytest.mark.campaign)])
+def test_an_imported_urdf_is_what_pinocchio_reads(robot: str, rows: int) -> None:
     path = find_urdf(robot)
     text = import_model(str(path), ChainRequest(tip=URDFS[robot][1])).text
     joints = [joint["name"] for joint in tomllib.loads(text)["joint"]]
-    assert len(joints) == {"panda": 7, "ur5": 6, "xarm7": 7, "so101": 5}[robot]
-    compare(text, Pinocchio.of_urdf(path, joints, URDFS[robot][1]), STATES)
+    assert len(joints) == {"panda": 7, "ur5": 6, "xarm7": 7, "ur10": 6, "z1": 6, "so101": 5}[robot]
+    compare(text, Pinocchio.of_urdf(path, joints, URDFS[robot][1]), rows)
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("text", CHAINS[-12:] + LONG, ids=lambda text: text.split('"')[1])
+@pytest.mark.parametrize("text", MIXED + LONG, ids=lambda text: text.split('"')[1])
 def test_ten_thousand_states_agree(text: str) -> None:
     for reference in (Pinocchio(text), MuJoCo(text)):
         compare(text, reference, CAMPAIGN_STATES)

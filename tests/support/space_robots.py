@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from robots import NAMES
+
+from gen.presets import find_presets
 
 HALF = 0.70710678118654757
 QUARTER_TURNS = ((1.0, 0.0, 0.0, 0.0), (HALF, HALF, 0.0, 0.0), (HALF, -HALF, 0.0, 0.0), (HALF, 0.0, HALF, 0.0))
@@ -52,6 +55,16 @@ def chain(kinds: str, seed: int, aligned: bool = False, springs: Mapping[str, fl
     return "\n".join([*lines, "", "[tip]", f"origin = {place}", f"rotation = {random_unit(rng, 4)}"]) + "\n"
 
 
+def mixed_chains(count: int) -> list[str]:
+    """Chains of 2 to 7 joints in any order, each with turning and sliding ones."""
+    rng, chains = np.random.default_rng(45), list[str]()
+    while len(chains) < count:
+        kinds = "".join(rng.choice(["R", "P"], size=2 + len(chains) % 6))
+        if len(set(kinds)) == 2:
+            chains.append(chain(kinds, 100 + len(chains)))
+    return chains
+
+
 FOUR_JOINTS_FRICTION = 0.3  # N m or N
 
 
@@ -87,3 +100,24 @@ def seven_joint_arm() -> str:
         lines += [f"coulomb_friction = {1.5 if number < 5 else 0.4}", "[joint.limits]", "position = [-2.8, 2.8]"]
         lines += ["speed = 2.5", "torque = 120.0", "motor_torque_rate = 20000.0"]
     return "\n".join([*lines, "", "[tip]", "origin = [0.0, 0.0, 0.15]"]) + "\n"
+
+
+FLEXIBLE_DRIVE = """ratio = 100.0
+motor_inertia = 8e-5
+viscous_friction = 3e-4
+coulomb_friction = 0.02
+flexspline_stiffness = 23000.0
+flexspline_stiffening = 0.05
+wave_generator_stiffness = 4.0
+wave_generator_stiffening = 15.0
+torsional_damping = 10.0"""
+
+
+def flexible_panda(joints: int) -> str:
+    """The first joints of the preset `panda`, each with a rotor, a reduction and two springs of finite stiffness."""
+    text = find_presets()["panda"].read_text(encoding="utf-8").replace("step = 0.0005", "step = 0.0002")
+    head, *tables = text.split("[[joint]]")
+    tables[-1], tip, place = tables[-1].partition("[tip]")
+    drive = re.compile(r"(?<=\[joint\.drive\]\n).*?(?=\n\[joint\.limits\])", re.DOTALL)
+    kept = (drive.sub(FLEXIBLE_DRIVE, table) for table in tables[:joints])
+    return "[[joint]]".join([head, *kept]) + tip + place

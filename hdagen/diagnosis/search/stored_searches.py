@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import json
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -36,7 +37,7 @@ SPRINGS, RIGID = "springs", "rigid"  # the model with springs in rigid joints, a
 _REMEDY = "`hdagen diagnose --keep-searches` writes such a file"
 DAMAGE_ERRORS = (  # that a damaged archive or a damaged tree raises
     *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, RuntimeError, TypeError, ValueError),
-    *(zipfile.BadZipFile, zlib.error),
+    *(zipfile.BadZipFile, zlib.error, SyntaxError, tokenize.TokenError),  # the last two from the header of an array
 )
 _DTYPES = {np.dtype(one) for one in ("f8", "i8", "bool")}
 
