@@ -14,7 +14,7 @@ from hdagen.blind.realities.model_arms import STEP, Table
 
 HARDEST_IMPEDANCE = 0.9999  # MuJoCo's hardest impedance
 _STOP_IMPEDANCE = 1e-3  # of a stop: MuJoCo adds about this share of the joint's inertia to what meets it
-_FAR = 1e3  # rad or m, of the end of a range that is never met
+_NEVER_MET = 1e3  # rad or m, of the end of a range that is never met
 
 
 def write_space_model(
@@ -95,7 +95,7 @@ def set_stop(model: Any, joint: str, ends: tuple[float | None, float | None], st
     k = model.joint(joint).id
     low, high = ends
     model.jnt_limited[k] = 1
-    model.jnt_range[k] = (-_FAR if low is None else low, _FAR if high is None else high)
+    model.jnt_range[k] = (-_NEVER_MET if low is None else low, _NEVER_MET if high is None else high)
     weight = float(model.dof_invweight0[model.jnt_dofadr[k]]) * (1.0 - _STOP_IMPEDANCE)
     model.jnt_solref[k] = (-stiffness * weight, -damping * weight)  # MuJoCo reads them as accelerations
     model.jnt_solimp[k] = (_STOP_IMPEDANCE, _STOP_IMPEDANCE, 0.001, 0.5, 2.0)

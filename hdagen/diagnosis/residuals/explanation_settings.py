@@ -14,6 +14,11 @@ class ExplanationSettings:
     velocity_filter_width: float = declare_setting(
         0.007, "s", "moving average before the velocity that friction depends on: it keeps reversals in place"
     )
+    sharp_friction_width: float = declare_setting(
+        1e-6,
+        "rad/s (or m/s) at the motor",
+        "width of friction's smooth sign in a torque balance: below any speed of a log",
+    )
     neighbour_gap: float = declare_setting(3.5, "periods", "rows further apart are no neighbours")
     reversal_reach: float = declare_setting(
         0.5, "of the filter's width", "rows this close to a reversal mix friction of both signs"

@@ -23,8 +23,6 @@ from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
 from hdagen.prediction.driving_inputs import compute_effective_inputs, read_driving_inputs
 from hdagen.prediction.measurement_model import Readings, find_parameter_indices, undo_sensor_effects
 
-SHARP_FRICTION_WIDTH = 1e-6  # rad/s (or m/s) at the motor; no measured motion is as slow
-
 
 @dataclass(frozen=True, eq=False)
 class TorqueResidual:
@@ -188,7 +186,7 @@ class TorqueBalance:
         q, v = self._joint_motion(self.states(p))
         force = inputs[:, self.motion.n :]
         sharp = p.copy()
-        sharp[self._smoothing_widths] = SHARP_FRICTION_WIDTH
+        sharp[self._smoothing_widths] = EXPLANATION.sharp_friction_width
         return self.motion.arm.with_parameters(sharp).evaluate(
             "inverse_dynamics", q=q, v=v, a=self.motion.acceleration[1], tip_force=force
         )
