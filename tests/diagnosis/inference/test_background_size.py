@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import FLEXIBLE, simulated
+from replayed import FLEXIBLE, SEVERAL, simulated
 
 from hdagen.adoption.verdict import apply_verdict
 from hdagen.arm.compiled_arm import Arm
@@ -27,7 +27,6 @@ from hdagen.prediction.window_replay import replay
 
 Builder = Callable[..., Compiled]
 EFFECTS = ("torque_ripple", "cable_spring", "current_bias", "encoder_eccentricity", "asymmetric_friction", "stiffness")
-SHOWN = ("contact", "cable_spring", "torque_sensor_gain", "current_saturation")  # and in test_sensitivities.py
 ORDER, RIPPLE = 9.0, 1.0  # and its size, usual ones
 
 
@@ -129,7 +128,7 @@ def test_another_share_is_the_same_there_and_back_with_or_without_columns(build:
 
 @pytest.mark.parametrize("share", CANDIDATES.spike_scales)
 def test_a_wall_that_no_one_meant_is_tolerated_as_a_cable_is(build: Builder, share: float) -> None:
-    arm = Arm(build(FLEXIBLE, effects=SHOWN).folder)
+    arm = Arm(build(FLEXIBLE, effects=SEVERAL).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {})).with_spike_scale(share)
     widths = {
         c.parameter: c.spike_width * c.unit
