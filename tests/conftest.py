@@ -11,12 +11,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import scipy.linalg  # noqa: F401 -- with libraries of its own, which threads are limited of
 from chromium import close_browser
 from compiled import Compiled, load
 from cpu_times import CpuTimes
 from generator_in_process import find_or_run_generator
 from kept_builds import find_builds, remove_old_builds
 from replayed import FLEXIBLE, simulated
+from threadpoolctl import threadpool_limits
 from uncompiled import find_settings, load_uncompiled
 
 from gen.builder.build import build_robot as make
@@ -43,6 +45,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """The marker of slow tests; tests of a file stay with one worker; Ctrl-C for the programs that tests interrupt,
     where a shell that runs this in the background has it ignored."""
     find_builds()  # before a fixture moves the user's cache
+    threadpool_limits(1)  # threads of linear algebra that wait for each other take the processors of the other workers
     if config.getoption("dist", "no") == "load":  # the fixtures of a module are then made once, and not by each worker
         config.option.dist = "worksteal"
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

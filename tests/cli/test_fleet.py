@@ -332,6 +332,7 @@ def test_three_wrong_lines_of_ten_thousand_machines_are_said_before_anything_run
     assert main(["diagnose", "--fleet", str(tmp_path / "fleet.toml"), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err.splitlines()
     assert [line.partition(": machine ")[2].split(":")[0] for line in said] == ["18", "5001", "10000"]
+    assert "date = 'yesterday'; possible is ISO 8601" in said[1]
     assert not (tmp_path / "out").exists()
 
 

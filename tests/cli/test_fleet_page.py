@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from trivial_tasks import make_diagnosis
 
-from hdagen.arm.build_loader import PlantError
 from hdagen.campaign.task import Outcome, Status
-from hdagen.fleet import fleet_file, fleet_page
+from hdagen.fleet import fleet_page
 from hdagen.fleet.fleet_diagnosis import MachineResult
 from hdagen.fleet.fleet_file import FleetMachine
 from hdagen.fleet.fleet_statistics import find_drifts, find_outliers
@@ -98,23 +97,6 @@ def test_logs_without_a_date_are_left_out_of_the_drift_and_that_is_said(tmp_path
     assert {len(one.days) for one in find_drifts(results)} == {3}
     fleet_page.write_fleet_page(tmp_path / "fleet.html", Path("fleet.toml"), results)
     assert "1 of 7 logs have no date in fleet.toml and are left out here." in (tmp_path / "fleet.html").read_text()
-
-
-def test_ten_thousand_machines_of_which_three_are_wrong_are_told_at_once(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("time\n")
-    entries = [
-        f'[[machine]]\nname = "m {k}"\nrobot = "paper"\nlog = "log.csv"\ndate = 2026-03-01\n' for k in range(10_000)
-    ]
-    entries[10] = entries[10].replace("log.csv", "none.csv")
-    entries[5_000] = entries[5_000].replace("2026-03-01", '"the first of March"')
-    entries[9_999] = entries[9_999].replace('"paper"', '"no/arm.toml"')
-    path = tmp_path / "fleet.toml"
-    path.write_text("".join(entries))
-    with pytest.raises(PlantError) as raised:
-        fleet_file.read_fleet(path)
-    lines = str(raised.value).splitlines()
-    assert [re.search(r"machine (\d+):", line)[1] for line in lines] == ["11", "5001", "10000"]  # type: ignore[index]
-    assert "date = 'the first of March'; possible is ISO 8601" in lines[1]
 
 
 def test_rows_that_are_not_whole_are_not_taken() -> None:

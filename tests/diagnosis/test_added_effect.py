@@ -67,7 +67,7 @@ from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
 from hdagen.log.measured_log import Log, write
 
 truth = json.loads(sys.argv[1])
-arm = load("robot.toml", effects=("magnetic_detent",))
+arm = load("robot.toml", "native", ("all",))  # as a diagnosis builds it
 arm.parameters.update({f"{name}_1": value for name, value in truth.items()})
 time = np.arange(4000) * 1e-3
 waves = np.sin(2 * np.pi * np.outer(time, [0.31, 0.9, 2.3]) + [0.0, 1.0, 2.0])

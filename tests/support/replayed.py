@@ -30,6 +30,16 @@ motor_torque_rate = 50.0
 """
 ONE = arms.arm("R", name="one joint", drive=LIMITS + SENSORS)
 MEMORY = ("presliding_friction", "transmission_hysteresis")
+SEVERAL = (  # effects of FLEXIBLE for tests that look at one or two of them: one build for all
+    "cable_spring",
+    "contact",
+    "current_bias",
+    "current_saturation",
+    "payload",
+    "sensor_delay",
+    "torque_ripple",
+    "torque_sensor_gain",
+)
 INPUT_EFFECTS = ("command_delay", "current_saturation", "voltage_sag", "current_loop_lag")
 HYSTERESIS = {"hysteresis_torque_1": 2.0, "hysteresis_angle_1": 2e-4}
 MEASURED = ("motor_position", "joint_position", "motor_velocity", "joint_velocity", "motor_current", "motor_torque")

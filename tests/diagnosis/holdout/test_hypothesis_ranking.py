@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import FLEXIBLE, simulated
+from replayed import FLEXIBLE, SEVERAL, simulated
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.held_out_gap import evaluate_gap
@@ -42,7 +42,7 @@ def stands(arm: Arm, words: CandidateSet, names: tuple[str, ...], values: dict[s
 
 
 def test_each_rung_is_a_hypothesis_with_its_own_parameters(build: Builder) -> None:
-    arm = Arm(build(FLEXIBLE, effects=("cable_spring", "current_bias")).folder)
+    arm = Arm(build(FLEXIBLE, effects=SEVERAL).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {})).columns_for(())
     arm.parameters.update(TRUTH)
     log = simulated(arm)
@@ -84,7 +84,7 @@ def test_each_rung_is_a_hypothesis_with_its_own_parameters(build: Builder) -> No
 
 
 def test_a_verdict_that_was_withdrawn_stays_as_a_hypothesis(build: Builder) -> None:
-    arm = Arm(build(FLEXIBLE, effects=("cable_spring", "current_bias")).folder)
+    arm = Arm(build(FLEXIBLE, effects=SEVERAL).folder)
     words, log = build_candidates(arm, InitialGuess({}, {}, {})).columns_for(()), simulated(arm)
     held, before, name = LogPortion(log, np.ones(len(log), bool)), replay(arm, log), ("current_bias@2",)
     hypotheses = [Hypothesis(name, 0.9, stands(arm, words, name, {"bias_2": 0.01}))]

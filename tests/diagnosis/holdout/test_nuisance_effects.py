@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import FLEXIBLE, simulated
+from replayed import FLEXIBLE, SEVERAL, simulated
 
 from hdagen.adoption import verdict
 from hdagen.adoption.diagnosis_schema import SCHEMA
@@ -26,7 +26,6 @@ from hdagen.diagnosis.initialization.initial_guess import InitialGuess
 from hdagen.prediction.window_replay import Replay, replay
 
 Builder = Callable[..., Compiled]
-EFFECTS = ("cable_spring", "current_bias")
 SIZE = 0.1  # usual sizes of what is there
 NOTHING = {"schema": SCHEMA, "verdict": [], "causes": [], "parameters": {}}
 
@@ -45,7 +44,7 @@ def stands(arm: Arm, words: CandidateSet, size: float, std: float, atoms: tuple[
 
 
 def test_what_is_tolerated_is_listed_by_what_it_closes(build: Builder) -> None:
-    arm = Arm(build(FLEXIBLE, effects=EFFECTS).folder)
+    arm = Arm(build(FLEXIBLE, effects=SEVERAL).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {})).columns_for(())
     usual = arm.parameters.described["cable_stiffness_1"].typical
     assert usual
@@ -77,7 +76,7 @@ def test_what_is_tolerated_is_listed_by_what_it_closes(build: Builder) -> None:
 
 
 def test_what_was_moved_to_an_end_of_its_range_is_told(build: Builder) -> None:
-    arm = Arm(build(FLEXIBLE, effects=EFFECTS).folder)
+    arm = Arm(build(FLEXIBLE, effects=SEVERAL).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {})).columns_for(())
     (atom,) = (k for k, atom in enumerate(words.members) if atom.name == "cable_spring@1" and atom.has_default_shapes)
     spring = arm.parameters.described["cable_stiffness_1"]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import FLEXIBLE, simulated
+from replayed import FLEXIBLE, SEVERAL, simulated
 
 from hdagen.adoption.verdict import apply_verdict
 from hdagen.arm.compiled_arm import Arm
@@ -26,12 +27,12 @@ from hdagen.diagnosis.search.ripple_order import add_ripple_orders, suggest_ripp
 from hdagen.prediction.window_replay import replay
 
 Builder = Callable[..., Compiled]
+Background = Callable[..., tuple[Fit, InitialGuess]]
 EFFECTS = ("torque_ripple", "cable_spring", "current_bias", "encoder_eccentricity", "asymmetric_friction", "stiffness")
-SHOWN = ("contact", "cable_spring", "torque_sensor_gain", "current_saturation")  # and in test_sensitivities.py
 ORDER, RIPPLE = 9.0, 1.0  # and its size, usual ones
 
 
-def none(build: Builder, share: float, ripple: float = 0.0) -> tuple[Fit, InitialGuess]:
+def fit_background(build: Builder, share: float, ripple: float) -> tuple[Fit, InitialGuess]:
     """No effect meant, fitted to a log with every effect at ``share`` of its usual size, to one side or the other."""
     arm = Arm(build(FLEXIBLE, effects=EFFECTS).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {}))
@@ -47,22 +48,28 @@ def none(build: Builder, share: float, ripple: float = 0.0) -> tuple[Fit, Initia
     return fit_without_effects(shooting, build_candidates(arm, hints)), hints
 
 
+@pytest.fixture(scope="module")
+def none(build: Builder) -> Background:
+    """none(share, ripple=0.0) -> the fit of `fit_background`, made once."""
+    return cache(lambda share, ripple=0.0: fit_background(build, share, ripple))
+
+
 @pytest.mark.parametrize(
     ("share", "found"), [(0.0, CANDIDATES.spike_scales[-1:]), (CANDIDATES.spike_scales[0], CANDIDATES.spike_scales[:2])]
 )
-def test_a_log_says_how_little_of_everything_it_has(build: Builder, share: float, found: tuple[float, ...]) -> None:
-    fit = none(build, share)[0]
+def test_a_log_says_how_little_of_everything_it_has(none: Background, share: float, found: tuple[float, ...]) -> None:
+    fit = none(share)[0]
     assert fit.sensitivities.candidates.spike_scale in found
     each = {s: rescale_spikes(fit, s).score.posterior.evidence for s in CANDIDATES.spike_scales}
     assert max(each, key=lambda s: each[s]) == fit.sensitivities.candidates.spike_scale
 
 
-def test_a_ripple_s_order_is_found_though_a_little_of_everything_is_there(build: Builder) -> None:
-    fit, hints = none(build, 0.5 * CANDIDATES.spike_scales[0], RIPPLE)
+def test_a_ripple_s_order_is_found_though_a_little_of_everything_is_there(none: Background) -> None:
+    fit, hints = none(0.5 * CANDIDATES.spike_scales[0], RIPPLE)
     usual = fit.sensitivities.shooting.arm.parameters.described["ripple_order_1"].starts
     assert ORDER not in usual
     assert suggest_ripple_orders(fit, hints).shapes["ripple_order_1"][0] == ORDER
-    calm, hints = none(build, 0.0)
+    calm, hints = none(0.0)
     assert ORDER not in suggest_ripple_orders(calm, hints).shapes["ripple_order_1"]
 
 
@@ -81,8 +88,8 @@ def test_with_no_effect_meant_base_parameters_bring_the_model_nearer(build: Buil
     assert found["after"] < 0.5 * found["before"]
 
 
-def test_an_order_that_is_heard_is_one_more_atom(build: Builder) -> None:
-    fit, hints = none(build, 0.0, RIPPLE)
+def test_an_order_that_is_heard_is_one_more_atom(none: Background) -> None:
+    fit, hints = none(0.0, RIPPLE)
     usual = build_candidates(fit.sensitivities.shooting.arm, hints)
     words = add_ripple_orders(fit, usual)
     assert words.members[:-1] == usual.members and words.columns[: len(usual.columns)] == usual.columns
@@ -93,13 +100,13 @@ def test_an_order_that_is_heard_is_one_more_atom(build: Builder) -> None:
     )
     assert not any(c.in_every_hypothesis for c in words.columns[len(usual.columns) :]) and own
     assert add_ripple_orders(fit, words) is words  # it is known now
-    calm, hints = none(build, 0.0)
+    calm, hints = none(0.0)
     usual = build_candidates(calm.sensitivities.shooting.arm, hints)
     assert add_ripple_orders(calm, usual) is usual
 
 
-def test_another_share_is_the_same_there_and_back_with_or_without_columns(build: Builder) -> None:
-    fit = none(build, CANDIDATES.spike_scales[0])[0]
+def test_another_share_is_the_same_there_and_back_with_or_without_columns(none: Background) -> None:
+    fit = none(CANDIDATES.spike_scales[0])[0]
     words = fit.sensitivities.candidates
     there = words.with_spike_scale(CANDIDATES.spike_scales[-1])
     assert (
@@ -129,7 +136,7 @@ def test_another_share_is_the_same_there_and_back_with_or_without_columns(build:
 
 @pytest.mark.parametrize("share", CANDIDATES.spike_scales)
 def test_a_wall_that_no_one_meant_is_tolerated_as_a_cable_is(build: Builder, share: float) -> None:
-    arm = Arm(build(FLEXIBLE, effects=SHOWN).folder)
+    arm = Arm(build(FLEXIBLE, effects=SEVERAL).folder)
     words = build_candidates(arm, InitialGuess({}, {}, {})).with_spike_scale(share)
     widths = {
         c.parameter: c.spike_width * c.unit

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from catalogue import EFFECTS
 from compiled import Compiled
-from replayed import FLEXIBLE, simulated
+from replayed import FLEXIBLE, SEVERAL, simulated
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
@@ -27,12 +27,11 @@ from hdagen.diagnosis.initialization.initial_guess import guess_from_log
 from hdagen.diagnosis.search.null_model import make_nominal_point
 
 Builder = Callable[..., Compiled]
-SHOWN = ("contact", "cable_spring", "torque_sensor_gain", "current_saturation")  # and in test_background_size.py
 
 
 @pytest.fixture(scope="module")
 def shooting(build: Builder) -> MultipleShooting:
-    arm = Arm(build(FLEXIBLE, effects=("contact", "torque_ripple", "cable_spring", "sensor_delay")).folder)
+    arm = Arm(build(FLEXIBLE, effects=SEVERAL).folder)
     log = simulated(arm)
     return MultipleShooting(arm, cut_windows(arm, LogPortion(log, np.ones(len(log), bool)), 0.05))
 
@@ -159,7 +158,7 @@ def test_points_that_are_looked_at_together_are_what_each_is_alone(shooting: Mul
 
 def test_what_no_channel_shows_is_silent_and_what_shows_in_its_whole_size_is_not(build: Builder) -> None:
     """Nothing measures the joint's torque; a limit of the drive shows where it is as low as usual, not where higher."""
-    arm = Arm(build(FLEXIBLE, effects=SHOWN).folder)
+    arm = Arm(build(FLEXIBLE, effects=SEVERAL).folder)
     log = simulated(arm)
     shooting = MultipleShooting(arm, cut_windows(arm, LogPortion(log, np.ones(len(log), bool)), 0.05))
     words = build_candidates(arm, guess_from_log(arm, shooting.record))

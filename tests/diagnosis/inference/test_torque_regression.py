@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import FLEXIBLE, simulated
+from replayed import FLEXIBLE, SEVERAL, simulated
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
@@ -89,13 +89,20 @@ def sizes(arm: Arm, words: CandidateSet, theta: Array) -> dict[str, float]:
     return {names[c.index]: c.center + float(t) * c.unit for c, t in zip(words.columns, theta, strict=True) if t}
 
 
-@pytest.mark.parametrize("stated", [(0.0, 0.0), (0.1, 0.05)])
+@pytest.fixture(scope="module", params=[(0.0, 0.0), (0.1, 0.05)])
+def lacking(build: Builder, request: pytest.FixtureRequest) -> tuple[Arm, dict[str, float], Log]:
+    """An arm with the frictions that its file states, those of the machine, and the machine's log."""
+    arm, truth, gain = legs(build, *request.param), TRUTH, 40.0
+    if any(request.param):
+        truth, gain = {"coulomb_friction_1": 2.5, "coulomb_friction_2": 2.0}, 120.0
+    return arm, truth, driven(arm, truth, gain=gain)
+
+
 def test_frictions_that_the_file_lacks_at_both_joints_are_found_together(
-    build: Builder, stated: tuple[float, float]
+    lacking: tuple[Arm, dict[str, float], Log],
 ) -> None:
-    arm = legs(build, *stated)
-    truth = TRUTH if not any(stated) else {"coulomb_friction_1": 2.5, "coulomb_friction_2": 2.0}
-    found, words = regressed(arm, driven(arm, truth, gain=40.0 if not any(stated) else 120.0))
+    arm, truth, log = lacking
+    found, words = regressed(arm, log)
     sets = {words.names_of(one.effects): one for one in found.best_sets()}
     right = tuple(sorted(name.replace("_1", "@1").replace("_2", "@2") for name in truth))
     assert right in sets and max(map(len, sets)) <= INITIALIZATION.largest_regressed_set
@@ -103,12 +110,9 @@ def test_frictions_that_the_file_lacks_at_both_joints_are_found_together(
     assert told == pytest.approx(truth, rel=0.05)
 
 
-@pytest.mark.parametrize("stated", [(0.0, 0.0), (0.1, 0.05)])
-def test_the_search_ends_with_all_frictions_that_the_file_lacks(build: Builder, stated: tuple[float, float]) -> None:
-    arm = legs(build, *stated)
-    truth = TRUTH if not any(stated) else {"coulomb_friction_1": 2.5, "coulomb_friction_2": 2.0}
-    log = driven(arm, truth, gain=40.0 if not any(stated) else 120.0)
-    null = fit_null_model(arm, cut_windows(arm, LogPortion.all_rows(log), 0.05))
+def test_the_search_ends_with_all_frictions_that_the_file_lacks(lacking: tuple[Arm, dict[str, float], Log]) -> None:
+    arm, truth, log = lacking
+    null = fit_null_model(arm, cut_windows(arm, LogPortion.all_rows(log.rows(0, 1500)), 0.05))
     best = sort_by_evidence(search_hypotheses(null.shooting, null.candidates, ignore_stage).fits)[0]
     assert best.names == tuple(sorted(name.replace("_1", "@1").replace("_2", "@2") for name in truth))
     names = list(arm.parameters.described)
@@ -163,7 +167,7 @@ def test_too_little_motion_has_no_regression(build: Builder) -> None:
 
 
 def test_an_arm_with_two_encoders_a_joint_has_a_balance_on_each_side(build: Builder) -> None:
-    arm = Arm(build(FLEXIBLE, effects=("payload",)).folder)
+    arm = Arm(build(FLEXIBLE, effects=SEVERAL).folder)
     p, names = arm.p.copy(), list(arm.parameters.described)
     p[names.index("payload_mass_2")] = 1.0
     found, words = regressed(arm, simulated(arm.with_parameters(p), 3.0))

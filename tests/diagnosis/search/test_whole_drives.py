@@ -97,7 +97,7 @@ def test_a_machine_without_rotors_lacks_none(tmp_path: Path, missing: tuple[str,
     robot.write_text(ROBOT)
     with threadpool_limits(1):
         models = load_models(robot)
-        log = move_leg(robot, 8.0, {name: TRUTH[name] for name in missing})
+        log = move_leg(robot, 4.0, {name: TRUTH[name] for name in missing})
         assert not are_rotors_missing(models.full, prepare_data(models, [log], []).record)
 
 
