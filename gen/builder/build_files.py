@@ -49,6 +49,7 @@ def make_manifest(made: Library, effects: tuple[Effect, ...], build: str, how: d
     model = made.graphs.model
     return {
         "schema": 1,
+        "interface": headers.INTERFACE,
         "build": build,
         "robot": describe_robot(model.robot),
         "effects": [_describe_effect(model, effect) for effect in effects],

@@ -14,6 +14,10 @@ from gen.model.emitted_function import EmittedFunction
 STEP_TOLERANCE = 1e-6
 MOST_STEP_PARTS = 1024
 
+# of the Python module and the manifest together, compiled into the library; one more whenever either changes so that a
+# program of before or after would call or read it wrongly, which tests/builder/test_interface.py notices
+INTERFACE = 1
+
 STEP_FUNCTIONS = (
     ("step", (("x", "NX"), ("u", "NU"), ("c", "NC"), ("h", "1")), (("next", "NX"),), "one step with smooth friction"),
     (
@@ -68,6 +72,7 @@ def emit_sizes(model: Model, c: int, build: str, lanes: bool, reference: int | N
         "HDA_NOMINAL": _c_array(q.nominal for q in model.quantities),
         "HDA_STEP": repr(model.robot.step),
         "HDA_BUILD": f'"{build}"',
+        "HDA_INTERFACE": INTERFACE,
     }
     if reference is not None:
         defines["HDA_REFERENCE_MAX"] = reference

@@ -216,10 +216,14 @@ static int execute(PyObject *module) {
     if (!hash) return -1;
     PyObject *width = PyLong_FromLong(hda_batch_width());
     if (!width) return -1;
-    const int failed =
-        PyModule_AddObjectRef(module, "build", hash) < 0 || PyModule_AddObjectRef(module, "batch_width", width) < 0;
+    PyObject *number = PyLong_FromLong(HDA_INTERFACE);
+    if (!number) return -1;
+    const int failed = PyModule_AddObjectRef(module, "build", hash) < 0 ||
+                       PyModule_AddObjectRef(module, "batch_width", width) < 0 ||
+                       PyModule_AddObjectRef(module, "interface", number) < 0;
     Py_DecRef(hash);
     Py_DecRef(width);
+    Py_DecRef(number);
     return failed ? -1 : 0;
 }
 

@@ -21,6 +21,7 @@ from hdagen.support.ownership import find_other_writer
 
 IMPORTED_FOLDER = ".models"  # beside the builds: robot files made of URDF and MJCF models
 MANIFEST_SCHEMA = 1
+INTERFACE = 1  # of the manifest and the library, by the number that gen writes into both; others are called wrongly
 BUILD_PROFILES = ("portable", "native")
 MOST_PATH_BYTES = 4096  # bytes of a path
 MOST_ERROR_LINES = 200  # lines of an error
@@ -252,7 +253,7 @@ def advise_rebuild(folder: Path) -> str:
         The end of a sentence.
 
     """
-    return f"remove {folder} and build again with `python -m gen build`."
+    return f"remove {folder} and build again with `hdagen build ROBOT`."
 
 
 def open_build(folder: Path) -> tuple[dict[str, Any], Any]:
@@ -280,6 +281,7 @@ def open_build(folder: Path) -> tuple[dict[str, Any], Any]:
     rest = {key: value for key, value in manifest.items() if key != "seal"}
     if manifest.get("seal") != hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest():
         raise PlantError(f"{folder}: the manifest is not as it was written; {again}")
+    _check_interface(folder, "manifest", manifest.get("interface"))
     build = own.name.rpartition("-")[2]
     files = manifest.get("files")
     name = manifest.get("library")
@@ -304,9 +306,20 @@ def open_build(folder: Path) -> tuple[dict[str, Any], Any]:
         spec.loader.exec_module(module)
     except ImportError as error:
         raise PlantError(f"{folder}: the library cannot be loaded ({error}); {again}") from None
+    _check_interface(folder, "library", getattr(module, "interface", None))
     if module.build != build:
         raise PlantError(f"{folder}: the library is of another build than its manifest; {again}")
     return manifest, module
+
+
+def _check_interface(folder: Path, part: str, found: object) -> None:
+    """Refuse a build whose manifest or library another version's generator made. Raises PlantError."""
+    if found != INTERFACE or isinstance(found, bool):
+        number = "none, as of an older version of hdagen" if found is None else f"{found!r:.40}"
+        raise PlantError(
+            f"{folder}: the {part} has the interface {number}, possible is {INTERFACE}, that of this version;"
+            f" {advise_rebuild(folder)}"
+        )
 
 
 def _read_cpu_flags() -> set[str]:

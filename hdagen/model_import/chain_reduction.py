@@ -13,9 +13,10 @@ import numpy as np
 
 from hdagen.model_import.compiled_tree import Array, Tree, TreeBody, TreeJoint
 from hdagen.model_import.model_file import ModelError
-from hdagen.support.messages import join_names, suggest_name
+from hdagen.support.messages import join_names, join_nearest_names, show_value, suggest_name
 
 MOST_JOINTS = 12
+MOST_NEAR_NAMES = 12  # of links and sites that a sentence lists
 MOST_GRIPPER_JOINTS = 2  # of each branch that hangs on the last link of a chain
 ROUNDING = 1e-14
 RIGHT_ANGLE_ERROR = 1e-11  # of an entry of a rotation that a model meant as 0 or ±1
@@ -92,9 +93,13 @@ class _Reduction:
         known = {joint.name for body in tree.bodies for joint in body.joints}
         for name in (*(request.joints or ()), *(name for name, _ in request.held)):
             if name not in known:
-                meant = f"{name!r}{suggest_name(name, known)}"
-                self.refuse(f"found no joint named {meant}, possible are {join_names(sorted(known))}")
+                meant = f"{show_value(name)}{suggest_name(name, known)}"
+                near = join_nearest_names([name], sorted(known - {""}), MOST_NEAR_NAMES)
+                self.refuse(f"found no joint named {meant}, possible are {near}; name one of them")
         self.held = dict(request.held)
+        self.moving = [len(body.joints) for body in self.bodies]  # joints of each body and of all that it carries
+        for k in range(len(self.bodies) - 1, 0, -1):  # parents come first
+            self.moving[self.bodies[k].parent] += self.moving[k]
 
     def refuse(self, sentence: str) -> NoReturn:
         """Raise a sentence on the model."""
@@ -111,24 +116,24 @@ class _Reduction:
         if named:
             return named[0]
         known = [body.name for body in self.bodies] + [site for body in self.bodies for site in body.sites]
-        return self.refuse(f"{option} names no link or site: found {name!r}{suggest_name(name, known)}")
-
-    def moving_joints(self, k: int) -> int:
-        """The number of joints of a body and of all that it carries."""
-        return len(self.bodies[k].joints) + sum(self.moving_joints(child) for child in self.children[k])
+        near = join_nearest_names([name], [one for one in known if one], MOST_NEAR_NAMES)
+        return self.refuse(
+            f"{option} names no link or site: found {show_value(name)}{suggest_name(name, known)}, possible are {near};"
+            " name one of them"
+        )
 
     def find_tip(self, base: int) -> int:
         """The last body before the tree branches; fingers behind it are a gripper."""
         at, joints_before = base, 0
         while True:
-            moving = [child for child in self.children[at] if self.moving_joints(child)]
+            moving = [child for child in self.children[at] if self.moving[child]]
             if not moving:
                 return at
             if len(moving) == 1:
                 at = moving[0]
                 joints_before += len(self.bodies[at].joints)
                 continue
-            if joints_before and all(self.moving_joints(child) <= MOST_GRIPPER_JOINTS for child in moving):
+            if joints_before and all(self.moving[child] <= MOST_GRIPPER_JOINTS for child in moving):
                 return at
             names = join_names([self.bodies[k].name for k in range(len(self.bodies)) if not self.children[k]])
             self.refuse(f"found a tree with several tips, possible is one chain; name its end by --tip, of {names}")
@@ -150,7 +155,13 @@ class _Reduction:
         """Motion of a joint from the posture of the file: to 0 where it is in the chain, else to where it is held."""
         if chosen:
             return -joint.reference
-        return self.held.get(joint.name, joint.reference) - joint.reference
+        return self.position_held(joint) - joint.reference
+
+    def position_held(self, joint: TreeJoint) -> float:
+        """Where a joint outside the chain is held: as asked, else at its only position, else as the file shows it."""
+        if joint.is_stuck and joint.range is not None:
+            return self.held.get(joint.name, joint.range[0])
+        return self.held.get(joint.name, joint.reference)
 
     def frame_of(self, body: TreeBody, chosen: set[str]) -> tuple[Array, Array]:
         """Rotation and origin of a body in its parent's frame, with its joints where they are held or at 0."""
@@ -169,11 +180,14 @@ class _Reduction:
         self, k: int, stop: set[int], chosen: set[str], R: Array, o: Array
     ) -> list[tuple[TreeBody, Array, Array]]:
         """A body and all that it carries but what is beyond ``stop``, each with its frame."""
-        found = [(self.bodies[k], R, o)]
-        for child in self.children[k]:
-            if child not in stop:
-                turned, place = self.frame_of(self.bodies[child], chosen)
-                found += self.weld_bodies(child, stop, chosen, R @ turned, o + R @ place)
+        found, left = [], [(k, R, o)]
+        while left:
+            at, R, o = left.pop()
+            found.append((self.bodies[at], R, o))
+            for child in reversed(self.children[at]):
+                if child not in stop:
+                    turned, place = self.frame_of(self.bodies[child], chosen)
+                    left.append((child, R @ turned, o + R @ place))
         return found
 
 
@@ -227,7 +241,7 @@ def _assume_tip(work: _Reduction, base: int) -> tuple[int, tuple[Array, Array]]:
 def _skip_free_joint(work: _Reduction) -> int:
     """The world, or the body that floats in it where there is one."""
     floating = [k for k in work.children[0] if any(joint.kind == "free" for joint in work.bodies[k].joints)]
-    if len(floating) == 1 and len([k for k in work.children[0] if work.moving_joints(k)]) == 1:
+    if len(floating) == 1 and len([k for k in work.children[0] if work.moving[k]]) == 1:
         name = work.bodies[floating[0]].name
         work.notes.append(f"left out: the free joint of {name}, which is the base")
         return floating[0]
@@ -248,6 +262,12 @@ def _choose_joints(work: _Reduction, path: Sequence[int]) -> set[str]:
         where = f"joint {joint.name or '(without a name)'} of {body.name}"
         if joint.kind in ("free", "ball"):
             work.refuse(f"{where} is {joint.kind}, possible are revolute and prismatic joints; name another --base")
+        if joint.is_stuck and joint.range is not None:
+            at = f"{joint.range[0]:.12g}"
+            work.refuse(
+                f"{where} has the limits {at} to {at}, between which it cannot move, possible is the lower limit below"
+                f" the upper; state them, or weld it by --at {joint.name}={at}"
+            )
         if joint.is_coupled:
             work.refuse(
                 f"{where} is coupled to another joint, possible are independent joints; leave it out by --joints"
@@ -255,7 +275,10 @@ def _choose_joints(work: _Reduction, path: Sequence[int]) -> set[str]:
         if not joint.name:
             work.refuse(f"{where}: a joint of the chain needs a name, by which logs and reports know it; give it one")
         if len([one for one, home in on_path if home is body]) > 1:
-            work.refuse(f"{body.name} has several joints and nothing between them, possible is one; hold one by --at")
+            work.refuse(
+                f"{body.name} has several joints and nothing between them (a planar joint is three), possible is one;"
+                " name a --base beyond it, or hold one by --at"
+            )
         if body.is_looped:
             work.refuse(
                 f"{body.name} is tied to another body in a closed loop, possible is an open chain; cut the loop"
@@ -273,7 +296,7 @@ def _tell_held_joints(work: _Reduction, chosen: set[str]) -> None:
     for body in work.bodies:
         for joint in body.joints:
             if joint.name not in chosen and joint.kind in ("revolute", "prismatic"):
-                held.append(f"{joint.name} at {work.held.get(joint.name, joint.reference):g}")
+                held.append(f"{joint.name} at {work.position_held(joint):g}")
     if held:
         work.notes.append(f"held: {join_names(held)}, and welded")
 

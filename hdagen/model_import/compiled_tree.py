@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from hdagen.model_import.model_file import ModelError, ModelFile
 from hdagen.model_import.spec_preparation import replace_impossible_inertias, strip_geometry
+from hdagen.model_import.stated_ranges import find_urdf_range, take_stuck_joints
 from hdagen.support.messages import join_names
+from hdagen.support.mujoco_warnings import collect_mujoco_warnings
 
 Array = NDArray[np.float64]
 JOINT_KINDS = {0: "free", 1: "ball", 2: "prismatic", 3: "revolute"}  # mjtJoint
@@ -37,6 +39,7 @@ class TreeJoint:
         axis: (3), unit vector.
         reference: Its position in the posture that the file shows.
         range: Its limits; None where it has none.
+        is_stuck: Whether its limits are one point, so that it cannot move.
         torque: Its largest torque or force; None where the file states none.
         speed: Its largest speed; None where the file states none.
         armature: kg m² or kg.
@@ -54,6 +57,7 @@ class TreeJoint:
     axis: Array
     reference: float
     range: tuple[float, float] | None
+    is_stuck: bool
     torque: float | None
     speed: float | None
     armature: float
@@ -133,27 +137,36 @@ def compile_tree(file: ModelFile) -> Tree:
         import mujoco
     except ImportError:
         raise ModelError(f"{file.label}: MuJoCo reads it, and is not installed; {NO_MUJOCO}.") from None
+    with collect_mujoco_warnings() as told:
+        return _compile_document(mujoco, file, told)
+
+
+def _compile_document(mujoco: Any, file: ModelFile, told: list[str]) -> Tree:
+    """The bodies of a model; ``told`` is what MuJoCo warns of meanwhile."""
     try:
         spec = mujoco.MjSpec.from_file(str(file.path))
     except (ValueError, RuntimeError, OSError) as error:
         raise ModelError(f"{file.label}: MuJoCo cannot read it ({_first_line(error)}); correct it there.") from None
+    told.clear()  # of the reader, which warns of limits alone: they are looked at below
     notes = _check_elements(spec)
     forces = _find_actuators(spec)
     coupled, looped = _find_equations(spec)
     tensors = {body.name: _read_tensor(mujoco, body, file) for body in spec.bodies if body.name}
     try:
+        stuck = take_stuck_joints(spec, file)
         weightless = strip_geometry(spec, file)
         impossible = replace_impossible_inertias(spec, tensors) - weightless if file.is_urdf else set[str]()
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             model = spec.compile()
     except (ValueError, RuntimeError) as error:
         raise ModelError(f"{file.label}: MuJoCo refuses it ({_first_line(error)}); correct it there.") from None
-    notes += [f"MuJoCo says: {_first_line(one.message)}" for one in told]
+    said = dict.fromkeys(_first_line(one) for one in (*(str(one.message) for one in caught), *told))
+    notes += [f"MuJoCo says: {one}" for one in said]
     _check_finite(model, file)
     if impossible:
         notes.append(f"counted as stated, though no body has such an inertia: {join_names(sorted(impossible))}")
-    parts = _ModelParts(mujoco, model, file, forces, coupled, looped, weightless, impossible, tensors)
+    parts = _ModelParts(mujoco, model, file, forces, coupled, looped, stuck, weightless, impossible, tensors)
     bodies = tuple(_read_body(parts, index) for index in range(model.nbody))
     gravity = model.opt.gravity.copy()
     return Tree(spec.modelname, gravity, not file.is_urdf, bodies, tuple(notes), frozenset(impossible))
@@ -169,6 +182,7 @@ class _ModelParts:
     forces: dict[str, tuple[float | None, bool]]
     coupled: set[str]
     looped: set[str]
+    stuck: dict[str, float]
     weightless: set[str]
     impossible: set[str]
     tensors: dict[str, Array | None]
@@ -177,11 +191,7 @@ class _ModelParts:
 def _read_body(parts: _ModelParts, index: int) -> TreeBody:
     mujoco, model = parts.mujoco, parts.model
     body = model.body(index)
-    joints = tuple(
-        _read_joint(model, parts.file, k, parts.forces, parts.coupled)
-        for k in range(model.njnt)
-        if model.jnt_bodyid[k] == index
-    )
+    joints = tuple(_read_joint(parts, k) for k in np.flatnonzero(model.jnt_bodyid == index).tolist())
     weight = 0.0 if body.name in parts.weightless else float(model.body_mass[index])
     axes = _rotation(mujoco, model.body_iquat[index])
     inertia = axes @ np.diag(model.body_inertia[index]) @ axes.T * (body.name not in parts.weightless)
@@ -191,8 +201,7 @@ def _read_body(parts: _ModelParts, index: int) -> TreeBody:
         inertia = tensor  # as the file has it
     sites = {
         model.site(k).name: (model.site_pos[k].copy(), _rotation(mujoco, model.site_quat[k]))
-        for k in range(model.nsite)
-        if model.site_bodyid[k] == index
+        for k in np.flatnonzero(model.site_bodyid == index).tolist()
     }
     place, turned = model.body_pos[index].copy(), _rotation(mujoco, model.body_quat[index])
     parent = int(model.body_parentid[index]) if index else -1
@@ -287,19 +296,20 @@ def _find_equations(spec: Any) -> tuple[set[str], set[str]]:
     return joints, bodies
 
 
-def _read_joint(
-    model: Any, file: ModelFile, k: int, forces: dict[str, tuple[float | None, bool]], coupled: set[str]
-) -> TreeJoint:
+def _read_joint(parts: _ModelParts, k: int) -> TreeJoint:
+    model, file = parts.model, parts.file
     joint = model.joint(k)
     kind, name = JOINT_KINDS[int(model.jnt_type[k])], str(joint.name)
     first = int(model.jnt_dofadr[k])
-    limit, servo = forces.get(name, (None, False))
+    limit, servo = parts.forces.get(name, (None, False))
     if model.jnt_actfrclimited[k]:
         stated = float(np.abs(model.jnt_actfrcrange[k]).min())
         if stated < NO_LIMIT:
             limit = min(stated, limit or stated) or None
-    bounds = None
-    if model.jnt_limited[k] and np.abs(model.jnt_range[k]).max() < NO_LIMIT:
+    bounds = find_urdf_range(file, name)
+    if name in parts.stuck:
+        bounds = (parts.stuck[name], parts.stuck[name])
+    elif model.jnt_limited[k] and np.abs(model.jnt_range[k]).max() < NO_LIMIT:
         bounds = (float(model.jnt_range[k][0]), float(model.jnt_range[k][1]))
     damping = np.atleast_1d(model.dof_damping[first])
     reference = 0.0
@@ -312,6 +322,7 @@ def _read_joint(
         model.jnt_axis[k].copy(),
         reference,
         bounds,
+        name in parts.stuck,
         limit,
         _find_speed(file, name),
         float(model.dof_armature[first]),
@@ -319,7 +330,7 @@ def _read_joint(
         float(model.dof_frictionloss[first]),
         servo,
         bool(np.any(damping[1:])),
-        name in coupled,
+        name in parts.coupled,
     )
 
 

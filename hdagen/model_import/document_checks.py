@@ -10,7 +10,10 @@ from xml.etree import ElementTree
 
 from hdagen.support.messages import join_names, show_value
 
-MOST_COPIES = 10_000  # that elements which multiply others make in all
+MOST_NESTING = 200  # of elements in one another, and of links that hang on one another
+MOST_ELEMENTS = (
+    10_000  # of all files of a model, with the copies that <replicate> and the like make: seconds of reading
+)
 NOT_A_NUMBER = re.compile(r"(^|\s)[+-]?nan($|\s)", re.IGNORECASE)
 NAMES = frozenset(
     {
@@ -32,24 +35,71 @@ NAMES = frozenset(
 MULTIPLIERS = ("replicate", "composite", "flexcomp")
 
 
-def find_document_fault(root: ElementTree.Element) -> str | None:
+def find_document_fault(root: ElementTree.Element, around: int = 0) -> str | None:
     """Find what no model may hold.
 
     Args:
         root: The parsed XML of a file.
+        around: Elements around it in the file that includes it.
 
     Returns:
         The fault with its element and its cure, as the rest of a sentence; None where there is none.
 
     """
+    depths = measure_depths(root)
+    deepest = around + max(depths.values())
+    if deepest > MOST_NESTING:
+        last = next(element for element in root.iter() if around + depths[element] > MOST_NESTING)
+        return (
+            f"{_label(last)}: found elements {deepest} deep in one another, possible are {MOST_NESTING}; join the"
+            " bodies that do not move against each other"
+        )
     for element in root.iter():
         for key, value in element.attrib.items():
             if key not in NAMES and NOT_A_NUMBER.search(value):
                 return f"{_label(element)}: found NaN in {key}, possible are numbers; correct it"
-    copies = _count_copies(root, 1)
-    if copies > MOST_COPIES:
-        return f"found elements that make {copies:.6g} copies, possible are {MOST_COPIES}; leave them out"
     return None
+
+
+def count_elements(root: ElementTree.Element) -> float:
+    """Count the elements that MuJoCo makes of a file.
+
+    Args:
+        root: The parsed XML of a file.
+
+    Returns:
+        Their number, with the copies that multiplying elements make; infinite where one multiplies an included file.
+
+    """
+    total, left = 0.0, [(root, 1.0)]
+    while left:
+        element, copies = left.pop()
+        if element.tag == "include" and copies > 1:
+            return math.inf  # whose own elements are not counted here
+        if element.tag in MULTIPLIERS:
+            for word in element.get("count", "1").split():
+                number = float(word) if re.fullmatch(r"\d{1,15}", word) else 1.0
+                copies = min(copies * max(number, 1.0), 1e15)
+        total += copies
+        left += [(child, copies) for child in element]
+    return total
+
+
+def measure_depths(root: ElementTree.Element) -> dict[ElementTree.Element, int]:
+    """Measure how deep each element lies.
+
+    Args:
+        root: The parsed XML of a file.
+
+    Returns:
+        For each element the elements around it and itself.
+
+    """
+    depths = {root: 1}
+    for element in root.iter():  # those around come first
+        for child in element:
+            depths[child] = depths[element] + 1
+    return depths
 
 
 def find_urdf_fault(root: ElementTree.Element) -> str | None:
@@ -99,14 +149,29 @@ def _list_tree_faults(links: list[ElementTree.Element], joints: list[ElementTree
         yield "every link is another one's child, possible is a tree with one root; cut the loop"
     if len(roots) > 1:
         yield f"found the roots {join_names(roots)}, possible is one; join the others to it, or remove them"
-    for link in known & set(parents):
-        seen, at = {link}, parents[link]
-        while at in parents:
-            if at in seen:
+    yield from _list_depth_faults(parents)
+
+
+def _list_depth_faults(parents: dict[str, str]) -> Iterator[str]:
+    """Links that hang on themselves, and those that hang on too many others; ``parents`` is of each link by name."""
+    depths: dict[str, int] = {}
+    for link in parents:
+        path, at = dict[str, None](), link
+        while at in parents and at not in depths:
+            if at in path:
                 yield f"link {show_value(link)} hangs on itself, possible is a tree; cut the loop"
                 return
-            seen.add(at)
+            path[at] = None
             at = parents[at]
+        for one in reversed(path):
+            depths[one] = depths.get(parents[one], 0) + 1
+    deepest = max(depths.values(), default=0)
+    if deepest > MOST_NESTING:
+        last = next(link for link, depth in depths.items() if depth == deepest)
+        yield (
+            f"<link> {show_value(last)}: found {deepest} links that hang on one another, possible are {MOST_NESTING};"
+            " join those that do not move against each other"
+        )
 
 
 def _list_joint_faults(joint: ElementTree.Element) -> Iterator[str]:
@@ -132,22 +197,6 @@ def _read_number(element: ElementTree.Element | None, key: str) -> float | None:
     except ValueError:
         return None
     return number if math.isfinite(number) else None
-
-
-def _count_copies(element: ElementTree.Element, around: int) -> float:
-    """The elements that multiplying ones make, those inside others by the product."""
-    total = 0.0
-    for child in element:
-        inside: float = around
-        if child.tag == "include" and around > 1:
-            return math.inf  # whose own elements are not counted here
-        if child.tag in MULTIPLIERS:
-            for word in child.get("count", "1").split():
-                number = float(word) if re.fullmatch(r"\d{1,15}", word) else 1.0
-                inside = inside * max(number, 1.0)
-            total = max(total, inside)
-        total = max(total, _count_copies(child, int(min(inside, 1e15))))
-    return total
 
 
 def _label(element: ElementTree.Element) -> str:

@@ -10,6 +10,13 @@ from numpy.typing import NDArray
 from hdagen.model_import.model_file import ModelError, ModelFile
 from hdagen.model_import.possible_inertia import is_possible_inertia
 
+NO_MECHANICS = (
+    "keys", "sensors", "actuators", "equalities", "tendons", "pairs", "excludes", "skins", "flexes",
+    "meshes", "hfields", "materials", "textures", "cameras", "lights", "tuples", "numerics", "texts",
+)  # fmt: skip
+USER_SIZES = tuple(f"nuser_{kind}" for kind in ("body", "jnt", "geom", "site", "cam", "tendon", "actuator", "sensor"))
+NO_SIZE = {"nuserdata": 0, "nkey": 0}  # which a file may state, and a chain does not need; of others MuJoCo chooses
+TRIANGLE_ERROR = 1e-6  # share by which a rounded moment may be above the sum of the others
 PLACEHOLDER = 1e-6  # kg and kg m² of a moving body without mass, which MuJoCo refuses; taken off again
 
 
@@ -33,11 +40,8 @@ def strip_geometry(spec: Any, file: ModelFile) -> set[str]:
     for number, body in enumerate(spec.bodies):
         body.name = body.name or f"body_{number}"
         states = bool(body.explicitinertial) and not always
-        if states and body.mass < 0:
-            raise ModelError(
-                f"{file.label}, body {body.name}: found the mass {body.mass:g} kg, possible are numbers from 0;"
-                " correct <inertial>."
-            )
+        if states:
+            _check_inertial(body, file, bool(spec.compiler.balanceinertia))
         uses_geometry = not states and (always or automatic) and not file.is_urdf and _moves(body, spec.worldbody)
         shapes = [geom for geom in body.geoms if uses_geometry and _has_weight(geom)]
         if any(geom.type.name in ("mjGEOM_MESH", "mjGEOM_SDF", "mjGEOM_HFIELD") for geom in shapes):
@@ -47,7 +51,7 @@ def strip_geometry(spec: Any, file: ModelFile) -> set[str]:
             )
         for geom in list(body.geoms):
             if geom not in shapes:
-                spec.delete(geom)
+                _empty_shape(spec, geom)
         if states and body.mass > 0:
             continue
         if body is not spec.worldbody and not shapes and body.name != "world":
@@ -56,12 +60,11 @@ def strip_geometry(spec: Any, file: ModelFile) -> set[str]:
                 body.explicitinertial, body.mass = True, PLACEHOLDER
                 body.inertia = [PLACEHOLDER] * 3
                 body.fullinertia = [float("nan")] * 6
-    for kind in ("keys", "sensors", "actuators", "equalities", "tendons", "pairs", "excludes", "skins", "flexes"):
+    for kind in NO_MECHANICS:
         for element in list(getattr(spec, kind)):
             spec.delete(element)
-    for kind in ("meshes", "hfields", "materials", "textures", "cameras", "lights", "tuples", "numerics", "texts"):
-        for element in list(getattr(spec, kind)):
-            spec.delete(element)
+    for size in ("memory", "nuserdata", "nkey", "nconmax", "njmax", "nstack", *USER_SIZES):
+        setattr(spec, size, NO_SIZE.get(size, -1))
     spec.compiler.fusestatic = False
     spec.compiler.inertiafromgeom = type(spec.compiler.inertiafromgeom).mjINERTIAFROMGEOM_AUTO
     return weightless
@@ -94,6 +97,35 @@ def replace_impossible_inertias(spec: Any, tensors: dict[str, NDArray[np.float64
         body.inertia = [PLACEHOLDER] * 3
         body.fullinertia = [float("nan")] * 6
     return found
+
+
+def _check_inertial(body: Any, file: ModelFile, is_balanced: bool) -> None:
+    """Refuse a negative mass, and principal moments of an MJCF's body that no body has; MuJoCo mends balanced ones."""
+    if body.mass < 0:
+        raise ModelError(
+            f"{file.label}, body {body.name}: found the mass {body.mass:g} kg, possible are numbers from 0;"
+            " correct <inertial>."
+        )
+    moments = np.asarray(body.inertia, float)
+    by_six = not np.isnan(np.asarray(body.fullinertia)[0])  # of which MuJoCo finds the moments later
+    if file.is_urdf or is_balanced or by_six or not np.isfinite(moments).all():
+        return
+    if moments.min() < 0 or 2 * moments.max() > moments.sum() * (1 + TRIANGLE_ERROR):
+        found = ", ".join(f"{moment:g}" for moment in moments)
+        raise ModelError(
+            f"{file.label}, body {body.name}: found the principal moments {found} kg m², possible are numbers from 0 of"
+            " which none is above the sum of the others; correct <inertial>."
+        )
+
+
+def _empty_shape(spec: Any, geom: Any) -> None:
+    """Make a shape a ball without mass or assets; MuJoCo takes milliseconds to delete one of a thousand."""
+    if geom.plugin.active:
+        spec.delete(geom)
+        return
+    geom.type, geom.size, geom.mass = type(geom.type).mjGEOM_SPHERE, [1.0, 0.0, 0.0], 0.0
+    geom.fromto = [float("nan")] * 6
+    geom.meshname = geom.hfieldname = geom.material = ""
 
 
 def _moves(body: Any, world: Any) -> bool:

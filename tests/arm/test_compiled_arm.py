@@ -165,7 +165,7 @@ def test_an_honest_copy_is_loaded(folder: Path) -> None:
 def test_a_manifest_that_is_none_is_refused(folder: Path, text: str | bytes) -> None:
     (folder / "manifest.json").write_bytes(text if isinstance(text, bytes) else text.encode())
     said = sentence(lambda: Arm(folder), "manifest")
-    assert "build again with `python -m gen build`" in said
+    assert "build again with `hdagen build" in said
 
 
 @pytest.mark.parametrize("name", ["parameters", "state", "build", "library", "robot", "constants"])

@@ -6,11 +6,12 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from mutants import fate, kinds, mutant
+from sample_models import ARM, chain, link, urdf, write
 
 from gen.robot.description import Robot
 from gen.robot.load_robot import from_table
@@ -18,35 +19,7 @@ from gen.robot.mass_matrix import mass_matrix
 from hdagen.model_import.chain_reduction import ChainRequest
 from hdagen.model_import.model_file import ModelError, is_model_file
 from hdagen.model_import.robot_writing import import_model, make_quaternion
-
-BODY = '<inertial pos="0.01 0.02 0.1" mass="{mass}" fullinertia="0.03 0.04 0.02 0.001 -0.002 0.003"/>'
-ARM = f"""<mujoco model="three links">
-  <option gravity="0 0 -9.81"/><compiler angle="radian"/>
-  <default><default class="big"><joint armature="0.1" damping="2" frictionloss="0.7" range="-2 2"/></default></default>
-  <asset><mesh name="shell" file="nowhere.stl"/></asset>
-  <worldbody>
-    <body name="base"><geom type="mesh" mesh="shell"/>
-      <body name="upper" pos="0 0 0.3" childclass="big"><joint name="shoulder" axis="0 1 0"/>{BODY.format(mass=2)}
-        <geom type="mesh" mesh="shell"/>
-        <body name="lower" pos="0 0 0.4" quat="1 1 0 0"><joint name="elbow" axis="0 0 1" pos="0 0.05 0" ref="0.3"/>
-          {BODY.format(mass=1.5)}
-          <body name="slider" pos="0.1 0 0"><joint name="reach" type="slide" axis="1 0 0"/>{BODY.format(mass=1)}
-            <body name="hand" pos="0 0 0.1" euler="0 0 0.5">{BODY.format(mass=0.4)}<site name="grip" pos="0 0 0.05"/>
-              <body name="left"><joint name="finger_l" type="slide"/>{BODY.format(mass=0.02)}</body>
-              <body name="right"><joint name="finger_r" type="slide" ref="0.01"/>{BODY.format(mass=0.03)}</body>
-            </body></body></body></body></body>
-  </worldbody>
-  <actuator><motor joint="elbow" gear="3" ctrlrange="-5 5"/>
-    <position joint="shoulder" kp="100" forcerange="-40 50"/></actuator>
-  <keyframe><key qpos="1 1 0.1 0 0"/></keyframe>
-</mujoco>"""
-
-
-def write(folder: Path, text: str, name: str = "arm.xml") -> str:
-    path = folder / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
-    return str(path)
+from hdagen.support.mujoco_warnings import collect_mujoco_warnings
 
 
 def built(text: str) -> Robot:
@@ -124,22 +97,6 @@ def test_a_held_finger_moves_what_is_welded(tmp_path: Path) -> None:
     assert closed.joints[2].link != opened.joints[2].link
 
 
-URDF = """<robot name="two"><link name="root"/>
- <joint name="a" type="{kind}"><parent link="root"/><child link="one"/><axis xyz="0 0 1"/>
-  <limit effort="20" velocity="3" lower="-1" upper="1"/><dynamics damping="0.5" friction="0.25"/></joint>
- <link name="one"><inertial><origin xyz="0.1 0 0" rpy="0.3 0 0"/><mass value="{mass}"/>
-  <inertia ixx="{ixx}" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
-  <visual><geometry><mesh filename="package://nowhere/shell.stl"/></geometry></visual></link>
- <joint name="b" type="revolute"><parent link="one"/><child link="two"/><origin xyz="0.3 0 0" rpy="1.57079632679 0 0"/>
-  <axis xyz="0 1 0"/><limit effort="0" velocity="0" lower="-2" upper="2"/></joint>
- <link name="two"><inertial><mass value="0.5"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>
- </inertial></link>{more}</robot>"""
-
-
-def urdf(kind: str = "revolute", mass: str = "1", ixx: str = "0.02", more: str = "") -> str:
-    return URDF.format(kind=kind, mass=mass, ixx=ixx, more=more)
-
-
 def test_a_urdf_is_read_without_its_meshes(tmp_path: Path) -> None:
     made = import_model(write(tmp_path, urdf(), "two.urdf"))
     table = tomllib.loads(made.text)
@@ -175,169 +132,6 @@ def test_an_impossible_inertia_counts_only_in_the_sum_of_its_link(ixx: str, tmp_
     assert second["inertia"][:3] == pytest.approx([0.01 + float(ixx), 0.01 + away, 0.01 + away], rel=1e-9)
 
 
-def link(name: str, mass: float = 1.0) -> str:
-    return f'<body name="{name}"><joint name="j_{name}"/><inertial pos="0 0 0" mass="{mass}" diaginertia="1 1 1"/>'
-
-
-def chain(many: int) -> str:
-    return f"<mujoco><worldbody>{''.join(link(f'b{k}') for k in range(many))}{'</body>' * many}</worldbody></mujoco>"
-
-
-TIE = '<joint name="c" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
-BAD: dict[str, tuple[str, str, str]] = {
-    "no file": ("", "missing.urdf", "missing.urdf: "),
-    "no XML": ("not xml", "a.xml", "found text that is no XML"),
-    "other XML": ("<html/>", "a.xml", "found the element 'html' at the top, possible are <robot> and <mujoco>"),
-    "entity bomb": ('<!DOCTYPE r [<!ENTITY a "aaaa">]><robot>&a;</robot>', "a.urdf", "found a DOCTYPE or ENTITY"),
-    "xacro": (
-        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:a/></robot>',
-        "a.urdf",
-        "a.urdf > model.urdf`",
-    ),
-    "xacro file": ("<robot/>", "a.xacro", "expand it by `xacro"),
-    "include outside": ('<mujoco><include file="../x.xml"/></mujoco>', "in/a.xml", "possible is a file in the model's"),
-    "include loop": ('<mujoco><include file="a.xml"/></mujoco>', "a.xml", "names 'a.xml' again"),
-    "include missing": ('<mujoco><include file="b.xml"/></mujoco>', "a.xml", "b.xml: "),
-    "0 joints": ('<mujoco><worldbody><body name="b"/></worldbody></mujoco>', "a.xml", "found 0 joints between"),
-    "13 joints": (chain(13), "a.xml", "found 13 joints between base and tip, possible are 1 to 12"),
-    "negative inertia": (urdf(ixx="-0.02"), "a.urdf", "joint a: found the principal moments -0.02, 0.02, 0.02 kg m²"),
-    "triangle": (urdf(ixx="0.05"), "a.urdf", "joint a: found the principal moments 0.02, 0.02, 0.05 kg m² of one,"),
-    "negative inertia in MJCF": (chain(1).replace('"1 1 1"', '"-1 1 1"'), "a.xml", "MuJoCo refuses it"),
-    "massless": (urdf(mass="0", ixx="0"), "a.urdf", "link one behind joint a: found no mass, possible is above 0"),
-    "axis of length 0": (chain(1).replace("<joint ", '<joint axis="0 0 0" '), "a.xml", "MuJoCo refuses it"),
-    "quaternion 0": (chain(1).replace('name="b0"', 'name="b0" quat="0 0 0 0"'), "a.xml", "MuJoCo "),
-    "NaN": (chain(1).replace('mass="1.0"', 'mass="nan"'), "a.xml", "<inertial>: found NaN in mass, possible are"),
-    "duplicate joints": (chain(2).replace("j_b1", "j_b0"), "a.xml", "MuJoCo"),
-    "two parents": (urdf(more=TIE.format("two", "one")), "a.urdf", "<joint> 'c': 'one' is another joint's child, too;"),
-    "cyclic": (urdf(more=TIE.format("two", "root")), "a.urdf", "every link is another one's child, possible is a tree"),
-    "cyclic beside": (
-        urdf(
-            more='<link name="x"/><link name="y"/>' + TIE.format("x", "y") + TIE.format("y", "x").replace('"c"', '"d"')
-        ),
-        "a.urdf",
-        "hangs on itself, possible is a tree; cut the loop",
-    ),
-    "two roots": (urdf(more='<link name="lonely"/>'), "a.urdf", "found the roots lonely, root, possible is one; join"),
-    "duplicate links": (urdf(more='<link name="one"/>'), "a.urdf", "found 2 <link> with the name 'one'; give each its"),
-    "joints of one name": (urdf().replace('name="b"', 'name="a"'), "a.urdf", "found 2 <joint> with the name 'a'"),
-    "no such child": (
-        urdf().replace('child link="one"', 'child link="no"'),
-        "a.urdf",
-        "found the child 'no', possible",
-    ),
-    "NaN in a frame": (urdf().replace('xyz="0.3 0 0"', 'xyz="0 nan 0"'), "a.urdf", "<origin>: found NaN in xyz"),
-    "NaN of an axis": (chain(1).replace("<joint ", '<joint axis="0 0 -NaN" '), "a.xml", "'j_b0': found NaN in axis"),
-    "NaN of gravity": (
-        chain(1).replace("<world", '<option gravity="nan 0 0"/><world'),
-        "a.xml",
-        "found NaN in gravity",
-    ),
-    "infinite inertia": (
-        chain(1).replace("1 1 1", "inf inf inf"),
-        "a.xml",
-        "body b0: found NaN, infinity or a number beyond 1e+12",
-    ),
-    "infinite inertia of a link": (
-        urdf(ixx="inf"),
-        "a.urdf",
-        "body one: found NaN, infinity or a number beyond 1e+12",
-    ),
-    "infinite reference": (chain(1).replace("<joint ", '<joint ref="inf" '), "a.xml", "in <option> or ref"),
-    "negative mass": (
-        chain(1).replace('mass="1.0"', 'mass="-1"'),
-        "a.xml",
-        "body b0: found the mass -1 kg, possible are",
-    ),
-    "negative mass of a link": (urdf(mass="-1"), "a.urdf", "<link> 'one': found the mass -1 kg"),
-    "negative damping": (urdf().replace("0.5", "-0.5"), "a.urdf", "<joint> 'a': found the damping -0.5, possible are"),
-    "negative armature": (chain(1).replace("<joint ", '<joint armature="-3" '), "a.xml", "j_b0: found the armature -3"),
-    "negative effort": (urdf().replace("20", "-20"), "a.urdf", "<joint> 'a': found the effort -20, possible are"),
-    "range upside down": (urdf().replace('lower="-1"', 'lower="5"'), "a.urdf", "'a': found the range 5 to 1, possible"),
-    "millimetres": (
-        chain(2).replace('name="b1"', 'name="b1" pos="0 0 333"'),
-        "a.xml",
-        "the distance 333 m, possible are",
-    ),
-    "far too heavy": (
-        chain(1).replace('mass="1.0"', 'mass="1e300"'),
-        "a.xml",
-        "body b0: found NaN, infinity or a number beyond",
-    ),
-    "too heavy": (chain(1).replace('mass="1.0"', 'mass="1e6"'), "a.xml", "the mass 1e+06 kg, possible are 10000 kg"),
-    "no mass between": (
-        chain(3).replace('mass="1.0"', 'mass="0"', 1),
-        "a.xml",
-        "link b0 behind joint j_b0: found no mass",
-    ),
-    "copies": (
-        chain(1).replace("<body", '<replicate count="100000000"><geom/></replicate><body'),
-        "a.xml",
-        "1e+08 copies",
-    ),
-    "copies of copies": (
-        chain(1).replace("<body", '<replicate count="200"><replicate count="300"><geom/></replicate></replicate><body'),
-        "a.xml",
-        "found elements that make 60000 copies, possible are 10000; leave them out",
-    ),
-    "copies of a file": (
-        chain(1).replace("<body", '<replicate count="2"><include file="b.xml"/></replicate><body'),
-        "a.xml",
-        "found elements that make inf copies",
-    ),
-    "ball": (chain(1).replace("<joint ", '<joint type="ball" '), "a.xml", "is ball, possible are revolute and prism"),
-    "floating": (urdf(kind="floating"), "a.urdf", "<joint> 'a': found the type floating, possible is one below"),
-    "two tips": (
-        f"<mujoco><worldbody>{link('l')}</body>{link('r')}</body></worldbody></mujoco>",
-        "a.xml",
-        "found a tree with several tips, possible is one chain; name its end by --tip",
-    ),
-    "two tips behind a fixed link": (
-        f'<mujoco><worldbody><body name="trunk">{link("l")}</body>{link("r")}</body></body></worldbody></mujoco>',
-        "a.xml",
-        "possible is one chain; name its end by --tip, of l, r",
-    ),
-    "mesh inertia": (
-        '<mujoco><asset><mesh name="m" file="m.stl"/></asset><worldbody><body name="b"><joint/>'
-        '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
-        "a.xml",
-        "body b: found no inertia but that of a mesh",
-    ),
-    "mimic": (
-        chain(2).replace("</mujoco>", '<equality><joint joint1="j_b0" joint2="j_b1"/></equality></mujoco>'),
-        "a.xml",
-        "is coupled to another joint, possible are independent joints; leave it out by --joints",
-    ),
-    "closed loop": (
-        chain(2).replace("</mujoco>", '<equality><connect body1="b1" anchor="0 0 0"/></equality></mujoco>'),
-        "a.xml",
-        "b1 is tied to another body in a closed loop",
-    ),
-    "two joints": (chain(1).replace("<joint ", '<joint name="more"/><joint '), "a.xml", "b0 has several joints"),
-    "no name": (chain(1).replace(' name="j_b0"', ""), "a.xml", "needs a name"),
-}
-
-
-@pytest.mark.parametrize("what", BAD)
-def test_what_is_wrong_is_one_sentence(what: str, tmp_path: Path) -> None:
-    text, name, words = BAD[what]
-    path = tmp_path / name
-    if text:
-        write(tmp_path, text, name)
-    with pytest.raises(ModelError) as refused:
-        import_model(str(path))
-    sentence = str(refused.value)
-    assert words in sentence and "\n" not in sentence and sentence.isprintable() and len(sentence) < 700, sentence
-
-
-def test_damaged_models_are_read_or_refused_in_sentences(tmp_path: Path) -> None:
-    made = [kind for kind in kinds(tmp_path) if kind.name.startswith("model.")]
-    for kind in made:
-        for seed in kind.seeds.values():
-            assert fate(kind, seed, tmp_path) == "read"
-        for number in range(150):
-            assert fate(kind, mutant(kind, number), tmp_path) in ("read", "refused"), (kind.name, number)
-
-
 def test_another_encoding_is_refused(tmp_path: Path) -> None:
     """In which a document type would not be found."""
     path = tmp_path / "a.xml"
@@ -354,7 +148,11 @@ def test_a_quaternion_is_made_a_unit_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "request_, words",
     [
-        (ChainRequest(tip="nobody"), "--tip names no link or site: found 'nobody'"),
+        (ChainRequest(tip="zzz"), "--tip names no link or site: found 'zzz', possible are world, base, upper, lower,"),
+        (
+            ChainRequest(base="hnad"),
+            "--base names no link or site: found 'hnad' (did you mean hand?), possible are",
+        ),
         (ChainRequest(base="hand", tip="upper"), "upper does not hang on hand"),
         (ChainRequest(joints=("finger_l",)), "--joints names finger_l, which is not between base and tip"),
         (ChainRequest(joints=("elbwo",)), "found no joint named 'elbwo' (did you mean elbow?)"),
@@ -403,6 +201,44 @@ def test_the_command_writes_the_file_whole_or_not_at_all(tmp_path: Path) -> None
         [*command, write(tmp_path, "<x/>"), "--out", str(out)], capture_output=True, text=True, check=False
     )
     assert done.returncode == 2 and out.read_text() == before and done.stderr.count("\n") == 1
+
+
+def test_nothing_is_left_in_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any) -> None:
+    """MuJoCo writes what it warns of to MUJOCO_LOG.TXT in the folder where it runs, and to standard error."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    path = write(tmp_path, urdf().replace('lower="-1" upper="1"', 'lower="0" upper="0"'), "a.urdf")
+    made = import_model(path, ChainRequest(held=(("a", 0.0),)))
+    assert [joint["name"] for joint in tomllib.loads(made.text)["joint"]] == ["b"]
+    assert not list((tmp_path / "here").iterdir()) and capfd.readouterr() == ("", "")
+
+
+def test_mujoco_warns_where_its_caller_listens_and_as_before_afterwards(capfd: Any) -> None:
+    before = mujoco.get_mju_user_warning()
+    with collect_mujoco_warnings() as told:
+        mujoco.MjSpec.from_string(urdf().replace('lower="-1" upper="1"', 'lower="1" upper="1"'))
+    assert len(told) == 1 and "equal lower and upper limits" in told[0]
+    assert mujoco.get_mju_user_warning() == before and capfd.readouterr() == ("", "")
+
+
+def test_a_joint_beside_the_chain_is_held_at_its_only_position(tmp_path: Path) -> None:
+    """A finger that cannot move."""
+    turned = ARM.replace('name="finger_l" type="slide"', 'name="finger_l" type="slide" range="0.02 0.02"')
+    made = import_model(write(tmp_path, turned))
+    assert any("held: finger_l at 0.02, finger_r at 0.01" in note for note in made.notes), made.notes
+    held = import_model(write(tmp_path, ARM), ChainRequest(held=(("finger_l", 0.02),)))
+    assert built(made.text).joints[2].link == built(held.text).joints[2].link
+
+
+def test_an_end_that_a_urdf_leaves_out_is_zero(tmp_path: Path) -> None:
+    made = import_model(write(tmp_path, urdf().replace('lower="-1" upper="1"', 'lower="-1"'), "a.urdf"))
+    assert tomllib.loads(made.text)["joint"][0]["limits"]["position"] == [-1.0, 0.0]
+
+
+def test_sizes_that_a_file_states_ask_for_no_memory(tmp_path: Path) -> None:
+    stated = '<size memory="100T" nuserdata="2000000000" nuser_body="1000000000"/>'
+    plain, large = (import_model(write(tmp_path, chain(1).replace("<world", f"{s}<world"))) for s in ("", stated))
+    assert plain.text == large.text
 
 
 def test_quaternions_of_every_turn_come_back() -> None:

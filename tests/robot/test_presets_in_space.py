@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sysconfig
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from gen.presets import find_presets
 from gen.robot.description import Robot
 from gen.robot.link_geometry import list_link_geometry, make_rotation
 from gen.robot.load_robot import load
@@ -20,6 +23,7 @@ URDFS = {
     "so101": ("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
 }
 EXACT = 1e-9
+SIX_DIGITS = 1e-5  # with which robosuite states quaternions and principal moments of the Gen3
 POSES = 20
 
 
@@ -110,3 +114,28 @@ def test_gen3_weighs_and_reaches_what_its_data_sheet_says() -> None:
     straight = move_to(robot, np.zeros(7))[1]
     assert straight[:2] == pytest.approx([0.0, 0.0], abs=0.03)
     assert straight[2] - shoulder == pytest.approx(0.902, abs=0.01)
+
+
+def test_gen3_has_the_links_of_robosuite(tmp_path: Path) -> None:
+    """Masses, centres, inertias and frames of links 1 to 6; robosuite's bracelet carries the vision module, too."""
+    found = importlib.util.find_spec("robosuite")
+    folders = [] if found is None else [*(found.submodule_search_locations or ())]
+    if not folders:
+        pytest.skip("robosuite is not installed: pip install --no-deps robosuite")
+    from hdagen.model_import.chain_reduction import ChainRequest
+    from hdagen.model_import.robot_writing import import_model
+
+    model = Path(folders[0]) / "models/assets/robots/kinova3/robot.xml"
+    theirs = tomllib.loads(import_model(str(model), ChainRequest(tip="Bracelet_Link")).text)["joint"]
+    ours = tomllib.loads(find_presets()["kinova_gen3"].read_text())["joint"]
+    assert len(theirs) == len(ours) == 7
+    for one, other in zip(ours, theirs, strict=True):
+        assert other["origin"] == pytest.approx(one["origin"], abs=SIX_DIGITS)
+        turns = [make_rotation(tuple(table["rotation"])) for table in (one, other)]
+        assert turns[1] == pytest.approx(turns[0], abs=SIX_DIGITS)
+        assert other["axis"] == pytest.approx(one["axis"], abs=SIX_DIGITS)
+    for one, other in zip(ours[:6], theirs[:6], strict=True):
+        assert other["mass"] == one["mass"]
+        assert other["center_of_mass"] == pytest.approx(one["center_of_mass"], abs=EXACT)
+        largest = max(one["inertia"])
+        assert other["inertia"] == pytest.approx(one["inertia"], abs=SIX_DIGITS * largest)
