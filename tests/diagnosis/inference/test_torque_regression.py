@@ -136,12 +136,11 @@ def test_friction_of_a_slow_joint_has_its_whole_level_however_wide_its_smooth_si
     arm = legs(build, 0.1, 0.3)
     motion = MeasuredMotion(arm, driven(arm, {}), ())
     left = TorqueBalance(motion).residual(arm.p).motor
-    for j in (1, 2):
-        speed = np.abs(motion.sensed_states[:, arm.index(f"joint_velocity_{j}")])
-        is_slow = motion.valid & motion.is_sliding(j) & (speed < 0.15)
-        lacking = 0.3 * (1.0 - np.tanh(speed[is_slow] / 0.05))  # N m, of the smooth sign
-        assert is_slow.sum() > 5 and lacking.mean() > 0.03
-        assert np.abs(left[is_slow, j - 1]).mean() < 0.3 * lacking.mean()
+    speed = np.abs(motion.sensed_states[:, arm.index("joint_velocity_1")])
+    is_slow = motion.valid & motion.is_sliding(1) & (speed < 0.15)
+    lacking = 0.3 * (1.0 - np.tanh(speed[is_slow] / 0.05))  # N m, of the smooth sign
+    assert is_slow.sum() > 20 and lacking.max() > 0.1
+    assert np.abs(left[is_slow, 0]) @ lacking < 0.3 * (lacking @ lacking)
 
 
 def test_regressors_of_friction_are_speed_and_its_sign(build: Builder) -> None:
