@@ -19,9 +19,18 @@ from gen.builder import compiler
 from gen.builder.build import build_robot
 from hdagen.arm.build_loader import find_or_build
 from hdagen.arm.running_builds import listen_to_builds, tell_build_stage
+from hdagen.diagnosis.stages.stage import Stage
 
 ROOT = Path(__file__).parents[2]
 COMPILING = re.compile(r"compiling, (\d+) of (\d+) objects")
+DIAGNOSING = """
+from hdagen.arm.running_builds import tell_build_stage
+from hdagen.cli.diagnosis_progress import show_progress
+from hdagen.diagnosis.stages.stage import Stage
+with show_progress(False) as progress:
+    progress(Stage.MODELS)
+    tell_build_stage(1, "linking")
+"""
 COMMANDS = {"generator": ("-m", "gen", "build"), "command": ("-m", "hdagen", "build")}
 
 
@@ -82,11 +91,10 @@ def test_the_stages_of_two_builds_are_told_together() -> None:
     assert told == ["linking", "linking; printing the C", "printing the C", "linking", ""]
 
 
-@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
-def test_a_terminal_shows_one_line_that_is_overwritten(command: tuple[str, ...], robot: str, tmp_path: Path) -> None:
+def show_on_terminal(*words: str) -> str:
+    """What a Python program writes to a terminal that is its standard error."""
     ours, theirs = pty.openpty()
-    words = [sys.executable, *command, robot, "--out", str(tmp_path / "build")]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=theirs, cwd=ROOT) as process:
+    with subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, stderr=theirs, cwd=ROOT) as process:
         os.close(theirs)
         shown = b""
         with suppress(OSError):  # how Linux says that nobody writes any more
@@ -94,7 +102,12 @@ def test_a_terminal_shows_one_line_that_is_overwritten(command: tuple[str, ...],
                 shown += part
         assert process.wait(60) == 0
     os.close(ours)
-    text = shown.decode()
+    return shown.decode()
+
+
+@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+def test_a_terminal_shows_one_line_that_is_overwritten(command: tuple[str, ...], robot: str, tmp_path: Path) -> None:
+    text = show_on_terminal(*command, robot, "--out", str(tmp_path / "build"))
     assert "linking" in text and len(COMPILING.findall(text)) > 3
     left = [line.split("\r")[-1].replace("\x1b[K", "").split(" ")[0] for line in text.split("\r\n")]
     assert left in (["building", ""], ["building", "built", ""]), "what is overwritten does not remain"
@@ -107,3 +120,7 @@ def test_a_pipe_gets_the_line_that_a_build_begins(command: tuple[str, ...], robo
     done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=60, check=True)
     assert [line.split()[0] for line in done.stderr.splitlines()][:1] == ["building"]
     assert not re.search("compiling|linking|\r|\x1b", done.stderr)
+
+
+def test_the_line_of_a_diagnosis_shows_its_builds() -> None:
+    assert f"{Stage.MODELS.value}: linking" in show_on_terminal("-c", DIAGNOSING)
