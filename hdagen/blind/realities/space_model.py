@@ -14,7 +14,7 @@ from hdagen.blind.realities.model_arms import STEP, Table
 
 HARDEST_IMPEDANCE = 0.9999  # MuJoCo's hardest impedance
 _STOP_IMPEDANCE = 1e-3  # of a stop: MuJoCo adds about this share of the joint's inertia to what meets it
-_FAR = 1e3  # rad or m, of the end of a range that is never met
+_FAR = 1e6  # rad or m, of the end of a range that is never met
 
 
 def write_space_model(
