@@ -19,6 +19,7 @@ from hdagen.blind.realities.model_arms import EFFECTS, OWN_ROTOR_EFFECTS, RATE, 
 from hdagen.blind.realities.model_reality import make_model_log
 from hdagen.blind.realities.population import Population, read_population
 
+LOG_SECONDS = 3.0  # the first of which the motion takes to begin
 URDF = """<robot name="two"><link name="base"/>
 <joint name="turn" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
 <limit lower="-2" upper="2" effort="40" velocity="3"/></joint>
@@ -75,12 +76,12 @@ def test_links_are_scattered_and_stay_bodies(model: Path) -> None:
 def test_an_effect_shows_and_none_is_none(effect: str, model: Path) -> None:
     joint = {"gravity_tilt": 0, "payload": 2}.get(effect, 1)
     case = replace(draw(model, "single", 1)[0], effect=effect, joint=joint, size=0.5)
-    log, found, snr = make_model_log(case, "log", 1.5)
+    log, found, snr = make_model_log(case, "log", LOG_SECONDS)
     assert snr > 10 and found and all(np.isfinite(values).all() for values in log.values())
-    assert len(log["time"]) == 1.5 * RATE and {"motor_torque_command_2", "joint_position_2"} <= log.keys()
-    again, same, _ = make_model_log(case, "log", 1.5, found)
+    assert len(log["time"]) == LOG_SECONDS * RATE and {"motor_torque_command_2", "joint_position_2"} <= log.keys()
+    again, same, _ = make_model_log(case, "log", LOG_SECONDS, found)
     assert same == found and all(np.array_equal(again[name], log[name]) for name in log)
-    without, nothing, none = make_model_log(replace(case, effect="", kind="none"), "log", 1.5)
+    without, nothing, none = make_model_log(replace(case, effect="", kind="none"), "log", LOG_SECONDS)
     assert nothing == {} and none == 0.0 and not np.array_equal(without["joint_position_1"], log["joint_position_1"])
 
 

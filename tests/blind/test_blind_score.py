@@ -126,6 +126,19 @@ def test_each_kind_of_wrong_is_told_apart() -> None:
     assert (more.is_effect_right, more.is_right, more.is_joint_right) == (False, False, True)
 
 
+def test_what_may_be_named_neither_counts_for_nor_against() -> None:
+    sealed = label("backlash@2") | {"optional": ["missing_compliance@2"]}
+    known = told("backlash@2", "missing_compliance@2")
+    for verdict, right in (
+        (["backlash@2"], True),
+        (["backlash@2", "missing_compliance@2"], True),
+        (["missing_compliance@2"], False),
+        (["backlash@2", "missing_compliance@1"], False),
+    ):
+        found = score_case("x", sealed, known, {}, diagnosis(verdict, 0.9))
+        assert (found.is_effect_right, found.is_right) == (right, right), verdict
+
+
 def test_names_that_count_as_the_same_do_and_their_probabilities_add_up() -> None:
     said = diagnosis(["current_bias@1"], 0.6)
     said["causes"].append({"effect": "asymmetric_friction", "joint": 1, "probability": 0.3})
