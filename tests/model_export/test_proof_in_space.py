@@ -147,7 +147,7 @@ def write_panda(folder: Path) -> Path:
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("name", ["coulomb_friction", "link"])
+@pytest.mark.parametrize("name", ["coulomb_friction", "viscous_friction"])
 def test_mujoco_closes_it_in_a_panda_of_mjcf(
     build: Callable[..., Compiled], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
