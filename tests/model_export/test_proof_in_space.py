@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import space_robots
 from compiled import Compiled
+from described_arms import describe_arm
 
+from gen.presets import find_presets
 from hdagen.arm.compiled_arm import Arm
 from hdagen.control.guard_limits import Guard, Safe
 from hdagen.control.guarded_controller import Controller
@@ -19,6 +22,8 @@ from hdagen.model_export import mujoco_proof
 from hdagen.model_export.corrected_robot import CorrectedRobot
 from hdagen.model_export.mjcf_writer import write
 from hdagen.model_export.mujoco_proof import Proof, ProofLog
+from hdagen.model_import.chain_reduction import ChainRequest
+from hdagen.model_import.robot_writing import import_model
 from hdagen.simulation.simulator import run
 
 COUNT = 2 * np.pi / 2**18  # rad, of the encoders
@@ -130,3 +135,31 @@ def test_mujoco_closes_it_with_six_and_seven_joints(
     proof = prove_case(arm, find_values(arm, name), tmp_path / "robot.xml", 2.0, is_driven=True)
     assert proof.gaps[2] > 5 * proof.gaps[3]
     assert proof.closed_share is not None and proof.closed_share >= LEAST_SHARE
+
+
+def write_panda(folder: Path) -> Path:
+    """The preset as an MJCF in MuJoCo's own writing, as a user would have it."""
+    write(describe_arm(find_presets()["panda"].read_text()), folder / "export.xml")
+    spec = mujoco.MjSpec.from_file(str(folder / "export.xml"))
+    spec.compile()
+    (folder / "panda.xml").write_text(spec.to_xml())
+    return folder / "panda.xml"
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", ["coulomb_friction", "viscous_friction"])
+def test_mujoco_closes_it_in_a_panda_of_mjcf(
+    build: Callable[..., Compiled], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The arm is the import of the file into which its correction is written."""
+    monkeypatch.setattr(mujoco_proof, "_repair_log", lambda given, arm: given)
+    mine, out = write_panda(tmp_path), tmp_path / "corrected.xml"
+    text = import_model(str(mine), ChainRequest(tip="tip")).text
+    arm = Arm(build(text.replace("[joint.limits]", f"{SENSOR}[joint.limits]")).folder)
+    true = arm.with_parameters(arm.p)
+    true.parameters.update(find_values(arm, name))
+    log = ProofLog(log_swings(true, arm, 2.0), None, (), False)  # within its limits, which MuJoCo enforces
+    done = write(CorrectedRobot(str(mine), arm, true), out, into=mine, prove=log)
+    assert done.proof is not None and not done.left_out
+    assert done.proof.gaps[2] > 5 * done.proof.gaps[3]
+    assert done.proof.closed_share is not None and done.proof.closed_share >= LEAST_SHARE
