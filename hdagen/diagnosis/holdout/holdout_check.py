@@ -222,16 +222,17 @@ def choose_model(arm: Arm, decision: Decision, said: Verdict) -> Arm:
 
     Args:
         arm: with every effect; drives that the robot file calls rigid are rigid.
-        decision: whose fit may be of the model with springs.
+        decision: whose fits may be of the model with springs, that of the verdict or those of other hypotheses.
         said: the verdict.
 
     Returns:
-        The arm, or the model with springs where the arm lacks parameters of the verdict.
+        The first of these models that has all parameters of the verdict; the arm where none has them.
 
     """
-    described = arm.parameters.described
-    lacks = any(name not in described for name in (*said.effect_parameters, *said.base_parameters))
-    return decision.best.sensitivities.shooting.arm if lacks else arm
+    needed = {*said.effect_parameters, *said.base_parameters}
+    fits = (decision.best, *(one.fit for one in decision.hypotheses if one.fit is not None))
+    models = (arm, *(fit.sensitivities.shooting.arm for fit in fits))
+    return next((model for model in models if needed <= model.parameters.described.keys()), arm)
 
 
 def choose_decision(

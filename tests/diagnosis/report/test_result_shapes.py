@@ -187,16 +187,34 @@ def _told(found: Decision, said: list[str]) -> dict[str, Any]:
 
 def test_a_verdict_without_a_spring_is_replayed_with_rigid_drives() -> None:
     """Though its parameters were fitted in a model that has springs, which are as good as rigid and no more."""
-    rigid: Any = SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(("coulomb_friction_1", "mass_1"))))
-    springs: Any = SimpleNamespace()
-    one: Any = SimpleNamespace(
-        best=SimpleNamespace(sensitivities=SimpleNamespace(shooting=SimpleNamespace(arm=springs)))
-    )
+    rigid, springs = _arm_with("coulomb_friction_1", "mass_1"), _arm_with(*SPRING_PARAMETERS)
+    one: Any = SimpleNamespace(best=_fit_on(springs), hypotheses=())
     said = content([FRICTION], [[FRICTION]], parameters={"mass_1": estimate(2.0)})
     assert choose_model(rigid, one, verdict.read_verdict(said)) is rigid
+    assert choose_model(rigid, one, verdict.read_verdict(_told_spring())) is springs
+
+
+def test_a_spring_that_only_other_hypotheses_have_is_replayed_on_their_model() -> None:
+    rigid, springs = _arm_with("coulomb_friction_1", "mass_1"), _arm_with(*SPRING_PARAMETERS)
+    others = [SimpleNamespace(fit=None), SimpleNamespace(fit=_fit_on(springs))]
+    one: Any = SimpleNamespace(best=_fit_on(rigid), hypotheses=others)
+    assert choose_model(rigid, one, verdict.read_verdict(_told_spring())) is springs
+
+
+SPRING_PARAMETERS = "coulomb_friction_1", "mass_1", "missing_compliance_1"
+
+
+def _told_spring() -> dict[str, Any]:
     spring = cause("missing_compliance@1", 0.9, {"missing_compliance": estimate(1e-4)})
-    bent = content(["missing_compliance@1"], [[FRICTION]], causes=[spring])
-    assert choose_model(rigid, one, verdict.read_verdict(bent)) is springs
+    return content(["missing_compliance@1"], [[FRICTION]], causes=[spring])
+
+
+def _arm_with(*parameters: str) -> Any:
+    return SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(parameters)))
+
+
+def _fit_on(arm: Any) -> Any:
+    return SimpleNamespace(sensitivities=SimpleNamespace(shooting=SimpleNamespace(arm=arm)))
 
 
 # -- pages ------------------------------------------------------------------------------------------------------------
