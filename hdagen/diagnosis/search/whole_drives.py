@@ -17,7 +17,7 @@ from hdagen.diagnosis.inference.gauss_newton import place_sizes
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
-from hdagen.diagnosis.initialization.initial_guess import guess_from_log
+from hdagen.diagnosis.initialization.initial_guess import InitialGuess, guess_from_log
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.hypothesis_race import continue_fit
 from hdagen.diagnosis.search.ordinary_frictions import list_ordinary_frictions
@@ -60,10 +60,12 @@ def are_rotors_missing(arm: Arm, record: WindowedRecord) -> bool:
         Whether they do; False where the file states every rotor.
 
     """
+    if not list_absent_inertias(build_candidates(arm, InitialGuess({}, {}, {}), with_numbers=True)):
+        return False  # before the log is read
     hints = guess_from_log(arm, record)
     candidates = build_candidates(arm, hints, record.joints_without_command, with_numbers=True)
     rotors, frictions = list_absent_inertias(candidates), list_ordinary_frictions(candidates)
-    if not rotors or (regression := TorqueRegression.from_record(arm, record, candidates)) is None:
+    if (regression := TorqueRegression.from_record(arm, record, candidates)) is None:
         return False
     effects = [k for k, one in enumerate(candidates.members) if not one.is_number and k not in frictions]
     possible = [k for k in effects if candidates.is_compatible(arm, k, frictions)]
