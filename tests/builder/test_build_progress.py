@@ -15,8 +15,9 @@ import pytest
 from arms import SMALL
 from stub_compiler import stub_compiler
 
-from gen.builder import compiler
+from gen.builder import build_progress, compiler
 from gen.builder.build import build_robot
+from hdagen.arm import running_builds
 from hdagen.arm.build_loader import find_or_build
 from hdagen.arm.running_builds import listen_to_builds, tell_build_stage
 from hdagen.diagnosis.stages.stage import Stage
@@ -124,3 +125,8 @@ def test_a_pipe_gets_the_line_that_a_build_begins(command: tuple[str, ...], robo
 
 def test_the_line_of_a_diagnosis_shows_its_builds() -> None:
     assert f"{Stage.MODELS.value}: linking" in show_on_terminal("-c", DIAGNOSING)
+
+
+def test_both_halves_mark_and_clear_lines_alike() -> None:
+    assert running_builds.PROGRESS_MARK == build_progress.PROGRESS_MARK
+    assert running_builds.CLEAR_LINE == build_progress.CLEAR_LINE
