@@ -29,7 +29,8 @@ TIP_MOMENT = 20.0  # N m, the same
 
 @dataclass(frozen=True)
 class Quantity:
-    """A named entry of p with its bounds; ``joint`` 0 is the whole arm."""
+    """A named entry of p with its bounds; ``joint`` 0 is the whole arm. Its standard deviation is ``tolerance`` times
+    ``reference_size``."""
 
     name: str
     joint: int
@@ -38,6 +39,7 @@ class Quantity:
     low: float
     high: float
     tolerance: float
+    reference_size: float
     meaning: str
     effect: str | None = None  # whose amplitude or shape it is
     role: str = "base"  # "base" a key of the robot file, "amplitude" or "shape" of an effect
@@ -159,7 +161,7 @@ def memory_step_quantity(step: float) -> Quantity:
     """
     key = keys_of("")["step"]
     meaning = "integration step, faster than which no memory of an effect builds up"
-    return Quantity("memory_step", 0, "s", step, key.range.low, key.range.high, 0.0, meaning)
+    return Quantity("memory_step", 0, "s", step, key.range.low, key.range.high, 0.0, step, meaning)
 
 
 def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, Effect]) -> Quantity:
@@ -188,6 +190,7 @@ def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, 
         low,
         high,
         value.tolerance,
+        value.reference_size,
         value.meaning,
         name,
         "base",
@@ -251,6 +254,7 @@ def _effect_quantity(
         parameter.low,
         parameter.high,
         tolerance,
+        abs(nominal),
         parameter.meaning,
         effect.name,
         role,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gen.robot.description import Joint, PlanarLink, Robot, SpatialLink, Value
@@ -34,8 +35,9 @@ LARGEST_DAMPING_FACTOR = 20.0  # times the nominal damping that a spring may hav
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A parameter of the model; ``joint`` 0 is the whole arm. low ≤ nominal ≤ high. With ``offset`` it is the number
-    that the file states: of a lumped inertia mass·center_of_mass²."""
+    """A parameter of the model; ``joint`` 0 is the whole arm. low ≤ nominal ≤ high. Its standard deviation is
+    ``tolerance`` times ``reference_size``. With ``offset`` it is the number that the file states: of a lumped inertia
+    mass·center_of_mass²."""
 
     name: str
     unit: str
@@ -43,6 +45,7 @@ class ParameterValue:
     low: float
     high: float
     tolerance: float
+    reference_size: float
     meaning: str
     joint: int
     offset: float = 0.0
@@ -114,14 +117,25 @@ def _space_parameters(joint: Joint, link: SpatialLink, number: int) -> list[Para
                 width = max(2 * abs(value.nominal), largest if name == "inertia" else key.zero_width)
                 low, high = value.nominal - width, value.nominal + width
             meaning = f"{key.meaning.partition(':')[0]}, {entry}"
-            own = (key.unit, value.nominal, low, high, value.tolerance, meaning, number)
+            size = _measure_reference_size(name, entry, values)
+            own = (key.unit, value.nominal, low, high, value.tolerance, size, meaning, number)
             found.append(ParameterValue(f"{name}_{entry}_{number}", *own))
     return found
 
 
+def _measure_reference_size(name: str, entry: str, values: Sequence[Value]) -> float:
+    """Measure what the tolerance of an entry is a share of: of a centre of mass its distance from the joint's frame, of
+    a product of inertia the geometric mean of its two moments, so that an entry of 0 is known no better than others."""
+    stated = dict(zip(SPACE_ENTRIES[name], (abs(value.nominal) for value in values), strict=True))
+    if name == "center_of_mass":
+        return math.hypot(*stated.values())
+    return math.sqrt(stated[entry[0] * 2] * stated[entry[1] * 2])
+
+
 def _make_parameter(name: str, key: Key, kind: str, value: Value, joint: int) -> ParameterValue:
     low, high = _parameter_bounds(key, kind, value.nominal)
-    return ParameterValue(name, unit_at(key, kind), value.nominal, low, high, value.tolerance, key.meaning, joint)
+    own = (value.nominal, low, high, value.tolerance, abs(value.nominal))
+    return ParameterValue(name, unit_at(key, kind), *own, key.meaning, joint)
 
 
 def _parameter_bounds(key: Key, kind: str, nominal: float) -> tuple[float, float]:

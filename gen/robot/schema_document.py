@@ -29,6 +29,9 @@ has the tolerance of the file, or 0 if the mark is (±). A source stands for a t
 
 {sources}
 
+The tolerance is a share of the number itself. In space that of a centre of mass is a share of its distance from the
+joint's frame, and that of a product of inertia Iᵢⱼ a share of √(Iᵢᵢ Iⱼⱼ). CAD often has a 0 there that no machine has.
+
 All problems of a file are reported together: unknown keys, missing keys, wrong types and values out of range. A file
 that is not TOML in UTF-8, or is larger than 1 MB, is refused as a whole.
 

@@ -205,11 +205,11 @@ def apply_verdict(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
     for name, value in verdict.base_parameters.items():
         q = described[name]
         std, prior = verdict.standard_deviations.get(name, (None, None))
-        if std is not None and is_uninformed(value - q.nominal, std, prior or q.tolerance * abs(q.nominal)):
+        if std is not None and is_uninformed(value - q.nominal, std, prior or q.deviation):
             continue
         reach, words = (
-            MOST_TOLERANCES * q.tolerance * abs(q.nominal),
-            f"{MOST_TOLERANCES:g} times its tolerance of {100 * q.tolerance:g} %",
+            MOST_TOLERANCES * q.deviation,
+            f"{MOST_TOLERANCES:g} times its tolerance, {100 * q.tolerance:g} % of {q.reference_size:.3g} {q.unit}",
         )
         if name.startswith("gravity_") and reach < MOST_GRAVITY_CHANGE:
             reach, words = MOST_GRAVITY_CHANGE, f"{MOST_GRAVITY_CHANGE:g} {q.unit} that a base may lean"

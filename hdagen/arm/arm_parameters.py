@@ -38,7 +38,8 @@ class Parameter:
         nominal: The robot file's value.
         low: The smallest value.
         high: The largest value.
-        tolerance: The difference from nominal up to which the robot file is right.
+        tolerance: The standard deviation of the robot file's value, as a share of ``reference_size``.
+        reference_size: The size of the robot file's value; of an entry of a vector that of the vector.
         meaning: A phrase on it.
         effect: The effect whose amplitude or shape it is, if any.
         role: "base" (a key of the robot file), "amplitude" or "shape".
@@ -63,6 +64,7 @@ class Parameter:
     low: float
     high: float
     tolerance: float
+    reference_size: float
     meaning: str
     effect: str | None = None
     role: str = "base"
@@ -81,6 +83,11 @@ class Parameter:
     def stated(self) -> float:
         """The number that the robot file states."""
         return self.nominal + self.offset
+
+    @property
+    def deviation(self) -> float:
+        """The standard deviation of the robot file's value, in its unit."""
+        return self.tolerance * self.reference_size
 
     def compute_factor(self, value: float) -> float:
         """Compute the factor by which the robot file's number is wrong.

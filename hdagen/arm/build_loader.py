@@ -21,7 +21,7 @@ from hdagen.support.ownership import find_other_writer
 
 IMPORTED_FOLDER = ".models"  # beside the builds: robot files made of URDF and MJCF models
 MANIFEST_SCHEMA = 1
-INTERFACE = 1  # of the manifest and the library, by the number that gen writes into both; others are called wrongly
+INTERFACE = 2  # of the manifest and the library, by the number that gen writes into both; others are called wrongly
 BUILD_PROFILES = ("portable", "native")
 MOST_PATH_BYTES = 4096  # bytes of a path
 MOST_ERROR_LINES = 200  # lines of an error

@@ -20,7 +20,7 @@ from hdagen.arm import build_loader
 from hdagen.arm.compiled_arm import Arm, PlantError
 
 BOUNDARY = ("hda_python.c", "hda_python.h", "hda_python_time.c", "hda_entry.h", "hda_abi.h")  # templates
-KNOWN = {1: "e705fe6c659902a2"}
+KNOWN = {1: "e705fe6c659902a2", 2: "8a8c14362fea8c93"}
 
 
 def list_keys(content: Any, path: str = "") -> set[str]:
@@ -56,10 +56,13 @@ def copy_build(made: Arm, folder: Path, change: Callable[[dict[str, Any]], objec
     return other
 
 
-@pytest.mark.parametrize("found", [0, 2, 1.5, "1", True, None, [1]])
+@pytest.mark.parametrize(
+    "found", [0, headers.INTERFACE - 1, headers.INTERFACE + 1, 1.5, str(headers.INTERFACE), True, None, [1]]
+)
 def test_another_manifest_is_refused(found: Any, build: Callable[..., Arm], tmp_path: Path) -> None:
     other = copy_build(build("emps"), tmp_path, lambda manifest: manifest.update(interface=found))
-    with pytest.raises(PlantError, match=r"manifest has the interface .*, possible is 1, .* `hdagen build ROBOT`\."):
+    possible = rf"manifest has the interface .*, possible is {headers.INTERFACE}, .* `hdagen build ROBOT`\."
+    with pytest.raises(PlantError, match=possible):
         Arm(other)
 
 
@@ -81,7 +84,7 @@ def test_another_library_is_refused_before_it_is_called(
         source = "\n".join(lines).replace('"batch_width", width) < 0 ||', '"batch_width", width) < 0;')
     work = tmp_path / "made"
     shutil.copytree(own.folder, work)
-    (work / "hda_python.c").write_text(source.replace("HDA_INTERFACE", stated or "1"))
+    (work / "hda_python.c").write_text(source.replace("HDA_INTERFACE", stated or str(headers.INTERFACE)))
     sources = [path.name for path in work.glob("hda_*.c")]
     library = own.manifest["library"]
     command = [*find_compiler().command, "-O0", "-fPIC", "-shared", "-w", "-o", library, *sources, "-lm"]

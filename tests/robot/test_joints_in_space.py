@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import re
 import tomllib
 from pathlib import Path
@@ -57,6 +58,19 @@ def test_a_joint_in_space_is_read() -> None:
     described = describe_robot(robot)
     assert described["joints"][1]["name"] == "axis_2" and described["tip"]["origin"] == list(robot.tip.origin)
     assert "length" not in described["joints"][0]
+
+
+def test_an_entry_of_0_is_known_no_better_than_the_others() -> None:
+    """A payload off the axis, or a motor on one side, moves a centre of mass to where CAD has a 0."""
+    table = copy.deepcopy(GOOD)
+    table["joint"][1] |= {"center_of_mass": [0.3, 0.0, 0.4], "inertia": [0.04, 0.09, 0.1, 0.0, -0.01, 0.0]}
+    values = {value.name: value for value in list_parameters(built(table))}
+    deviations = {name: value.tolerance * value.reference_size for name, value in values.items()}
+    assert [deviations[f"center_of_mass_{axis}_2"] for axis in "xyz"] == pytest.approx([0.05 * 0.5] * 3)
+    assert [deviations[f"inertia_{two}_2"] for two in ("xx", "yy", "zz")] == pytest.approx([0.002, 0.0045, 0.005])
+    products = [0.05 * math.sqrt(product) for product in (0.04 * 0.09, 0.04 * 0.1, 0.09 * 0.1)]
+    assert [deviations[f"inertia_{two}_2"] for two in ("xy", "xz", "yz")] == pytest.approx(products)
+    assert deviations["mass_2"] == 0.05 * values["mass_2"].nominal
 
 
 def test_ten_numbers_a_link_are_parameters_and_geometry_is_none() -> None:

@@ -69,7 +69,7 @@ def describe_factor(
     std = None
     if None not in spread:
         std = float(np.linalg.norm(share * np.array(spread, float)))
-    prior = float(np.linalg.norm(share * [q.tolerance * q.nominal for q in own]))
+    prior = float(np.linalg.norm(share * [q.deviation for q in own]))
     file = own[0].stated if len(own) == 1 else float(size)
     factor = {"value": float(share @ found), "std": std, "unit": "1", "end": None}
     return {FACTOR: factor | {"prior": prior, "file": file}}

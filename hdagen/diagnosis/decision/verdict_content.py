@@ -330,7 +330,7 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
         leaned = float(best.sensitivities.point.p[c.index]) - described[c.parameter].nominal
         one |= {"value": one["value"] + leaned, "std": math.hypot(one["std"], spread[c.parameter])}
         one["conditional_std"] = min(one.get("conditional_std", math.inf), conditional[c.parameter])
-        prior = gravity.tolerance * abs(gravity.nominal)
+        prior = gravity.deviation
         found[gravity.name] = one | {"prior": math.hypot(prior, c.spike_width * c.unit)}
     return found
 

@@ -54,8 +54,8 @@ def build_candidates(
                 ]
     owned = {c.parameter for c in columns}
     for name, q in described.items():
-        if q.role == "base" and name not in owned and q.tolerance > 0 and q.nominal:
-            columns.append(Column(name, place[name], q.nominal, q.tolerance * abs(q.nominal), 1.0, -1, True))
+        if q.role == "base" and name not in owned and q.deviation > 0:
+            columns.append(Column(name, place[name], q.nominal, q.deviation, 1.0, -1, True))
     return CandidateSet(tuple(atoms), tuple(columns))
 
 
@@ -85,7 +85,7 @@ def _make_column(q: Parameter, index: int, atom: int, first: bool, suggested: In
         everywhere = q.everywhere / q.typical
     spike, step, seen = CANDIDATES.silent_spike_width, CANDIDATES.column_step, 0.0
     if first:
-        spike = math.hypot(q.tolerance * abs(nominal) / unit, CANDIDATES.spike_scales[0] * everywhere)
+        spike = math.hypot(q.deviation / unit, CANDIDATES.spike_scales[0] * everywhere)
         spike = max(spike, CANDIDATES.silent_spike_width)
     if not everywhere and q.stated:  # as small as a number moves in every hypothesis
         step = CANDIDATES.column_step * max(spike, CANDIDATES.column_step)

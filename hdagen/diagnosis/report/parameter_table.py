@@ -113,7 +113,7 @@ def _read_number(parameters: Parameters, name: str, estimate: Mapping[str, Any],
         joint = q.joint
         if file is None and q.role == "base":  # a diagnosis from before it said so
             file = q.nominal
-        prior = estimate.get("prior") or q.tolerance * abs(q.nominal) or q.typical
+        prior = estimate.get("prior") or q.deviation or q.typical
     change = SizeChange(
         name.removesuffix(f"_{joint}"), file, estimate["value"], estimate.get("std"), estimate.get("unit", "")
     )

@@ -36,7 +36,14 @@ def parameter(name: str) -> Parameter:
     typical, low, high = USUAL[name]
     fields = {"name": f"{name}_1", "unit": "1", "nominal": 0.0, "low": low, "high": high, "meaning": "", "joint": 1}
     effect, term = TERMS[name]
-    rest = {"effect": effect, "role": "amplitude", "tolerance": 0.0, "starts": (), "encoder_term": term}
+    rest = {
+        "effect": effect,
+        "role": "amplitude",
+        "tolerance": 0.0,
+        "reference_size": 0.0,
+        "starts": (),
+        "encoder_term": term,
+    }
     return Parameter(**fields, **rest, typical=typical)  # type: ignore[arg-type]
 
 
