@@ -40,13 +40,19 @@ class JudgedSearch:
 
     @property
     def is_file_in_doubt(self) -> bool:
-        """Whether many times the noise is left although the file is taken as right, by no contradiction of the logs."""
-        return self.checked.contradiction is None and self.leaves_much
+        """Whether many times the noise is left although the file is taken as right, by no contradiction of the logs, or
+        effects are named that may stand in for a wrong number."""
+        return self.checked.contradiction is None and (self.leaves_much or self.names_unsurely)
 
     @property
     def leaves_much(self) -> bool:
         """Whether its verdict leaves many times the noise of the motion that decides."""
         return bool(self.checked.settled.deciding_gap["after"] > DATA.significant_noise_multiple)
+
+    @property
+    def names_unsurely(self) -> bool:
+        """Whether its verdict names effects and is not sure."""
+        return bool(self.verdict) and not self.checked.settled.statement.decision.is_sure
 
     def corrects(self, other: JudgedSearch) -> bool:
         """Tell whether its verdict corrects that of another search.
@@ -127,7 +133,7 @@ def judge_with_numbers(
     search_numbers: Callable[[Sequence[str] | None], JudgedSearch | None],
 ) -> JudgedSearch:
     """Judge a search that takes the robot file as right, and one with its numbers among the causes where that leaves
-    much.
+    much or names effects unsurely.
 
     What clearly leaves less of unseen motion stands. Where the file seems to be another machine's, the second one
     stands if it leaves about the noise.

@@ -16,14 +16,17 @@ SEARCH = cast(SearchResult, None)
 SEARCH_FOUND = cast(SearchResult, SimpleNamespace())
 
 
-def judged(after: float, *verdict: str, contradiction: str | None = None, end: str | None = None) -> JudgedSearch:
+def judged(
+    after: float, *verdict: str, contradiction: str | None = None, end: str | None = None, is_sure: bool = True
+) -> JudgedSearch:
     """A search whose verdict leaves ``after`` times the noise on the motion that decides; ``end``: of the range of its
     effects, where they stand at one."""
     gap = {"after": after, "by_channel": {"motor_position_1": {"after": after}}}
     size = {"value": 1.0, "std": 0.1, "end": end}
     causes = [{"effect": name[:-2], "joint": int(name[-1]), "parameters": {"size": size}} for name in verdict]
     stated = SimpleNamespace(causes=causes)
-    statement = SimpleNamespace(confirmed=SimpleNamespace(effects=verdict), stated=stated)
+    decision = SimpleNamespace(is_sure=is_sure)
+    statement = SimpleNamespace(confirmed=SimpleNamespace(effects=verdict), stated=stated, decision=decision)
     checked: Any = SimpleNamespace(
         contradiction=contradiction, settled=SimpleNamespace(deciding_gap=gap, statement=statement)
     )
@@ -48,6 +51,18 @@ def refuse(_: SearchResult) -> JudgedSearch:
 
 def test_a_first_search_that_leaves_little_stands_alone() -> None:
     first, numbers = judged(5.0, "viscous_friction@1"), Numbers(judged(1.0))
+    assert judge_with_numbers(lambda _: first, SEARCH, numbers) is first
+    assert numbers.asked == []
+
+
+def test_an_effect_that_is_not_sure_may_stand_in_for_a_wrong_number() -> None:
+    first, numbers = judged(3.8, "link_flexibility@1", is_sure=False), Numbers(judged(1.2, "motor_inertia@1"))
+    assert judge_with_numbers(lambda _: first, SEARCH, numbers) is numbers.found
+    assert numbers.asked == [("link_flexibility@1",)]
+
+
+def test_where_nothing_is_named_and_little_is_left_no_number_is_searched() -> None:
+    first, numbers = judged(1.9, is_sure=False), Numbers(judged(1.2, "motor_inertia@1"))
     assert judge_with_numbers(lambda _: first, SEARCH, numbers) is first
     assert numbers.asked == []
 
