@@ -14,6 +14,7 @@ from hdagen.data_quality.input_lags import COMMAND_MEASUREMENT_PAIRS, INPUT_QUAN
 from hdagen.data_quality.inputs_vs_motion import find_swapped_inputs, measure_unexplained_input, smooth_sound_motion
 from hdagen.data_quality.log_profile import LogProfile
 from hdagen.log.channel_statistics import ChannelStatistics
+from hdagen.log.column_map import is_command_channel
 from hdagen.log.measured_log import Log
 from hdagen.support.row_runs import find_true_runs
 
@@ -94,9 +95,9 @@ def _explain_undriven_joint(inputs: list[ChannelStatistics], joint: int) -> Find
     decides (`inputs_vs_model.check_drives`). A measurement has noise, so an input at one value was not measured.
     """
     constant = [c for c in inputs if c.is_constant]
-    channel = next((c for c in constant if "_command_" not in c.name), constant[0])
+    channel = next((c for c in constant if not is_command_channel(c.name)), constant[0])
     says = f"{channel.name} stays at {channel.low:.5g} while joint {joint} moves"
-    if channel.low == 0.0 and "_command_" in channel.name:
+    if channel.low == 0.0 and is_command_channel(channel.name):
         sentence = f"{says}: a passive joint, or an input that was not recorded; if it was driven, record its input."
         return Finding(Severity.WARN, "still", joint, sentence)
     sentence = f"{says}: the input was not recorded; record the current or torque that drives it."

@@ -21,10 +21,14 @@ from hdagen.data_quality.log_profile import LogProfile, SmoothedMotion
 from hdagen.data_quality.rank_check import is_determined
 from hdagen.data_quality.relations import both_encoders_move
 from hdagen.log.channel_statistics import ChannelStatistics
+from hdagen.log.column_map import is_command_channel
 
 
 def check_inertia(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Finding]:
     """Check the inertia that each input implies: not several times larger or smaller than the robot file's.
+
+    A command that asks for another inertia than the input that was measured at its joint is one that the drive does not
+    follow, as a saturated one: a sign or a unit of its own is still found.
 
     Args:
         profile: of the log, with a position of every joint.
@@ -35,22 +39,36 @@ def check_inertia(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Fi
         The findings.
 
     """
-    channels, moving, torque = profile.channels, _smooth_whole_motion(profile, model), _compute_torque(profile, model)
-    findings = []
+    moving, findings = _smooth_whole_motion(profile, model), []
     for one, joint in enumerate(moving.joints):
-        ratio, rotor = model.parameters[f"ratio_{joint}"], model.parameters[f"motor_inertia_{joint}"]
-        inertial = torque[:, joint - 1] / ratio + rotor * ratio * moving.acceleration[one]
-        for name in (f"{base}_{joint}" for base in INPUT_QUANTITIES):
-            if name not in channels or channels[name].is_constant:
-                continue
-            values = _torque_per_input(model, name, joint) * profile.sample_channel(name)
-            low, high = _bound_coefficient(_stack_friction_terms(moving, one, inertial), values)
-            if not rotor and low > INPUT_CHECK.most_inertia_ratio and _is_rotor_missing(moving, one, inertial, values):
-                continue
-            if low > INPUT_CHECK.most_inertia_ratio or high < 1 / INPUT_CHECK.most_inertia_ratio:
-                times = math.copysign(math.sqrt(low * high), high)
-                findings.append(_explain_inertia(name, joint, times, channels[name]))
+        judged = {name: _judge_inertia(profile, model, name, one) for name in _list_varying_inputs(profile, joint)}
+        is_right = any(not judged[name] for name in judged if not is_command_channel(name))
+        for name, found in judged.items():
+            findings += [f for f in found if not (is_right and is_command_channel(name) and f.name == "inertia")]
     return findings
+
+
+def _list_varying_inputs(profile: LogProfile, joint: int) -> list[str]:
+    """The inputs of a joint that the log has, without those that stay at one value."""
+    channels, names = profile.channels, [f"{base}_{joint}" for base in INPUT_QUANTITIES]
+    return [name for name in names if name in channels and not channels[name].is_constant]
+
+
+def _judge_inertia(profile: LogProfile, model: Arm, name: str, one: int) -> list[Finding]:
+    """The finding on the inertia that an input implies, if it cannot be that of its joint, number ``one`` of those that
+    move."""
+    moving = _smooth_whole_motion(profile, model)
+    joint = moving.joints[one]
+    ratio, rotor = model.parameters[f"ratio_{joint}"], model.parameters[f"motor_inertia_{joint}"]
+    inertial = _compute_torque(profile, model)[:, joint - 1] / ratio + rotor * ratio * moving.acceleration[one]
+    values = _torque_per_input(model, name, joint) * profile.sample_channel(name)
+    low, high = _bound_coefficient(_stack_friction_terms(moving, one, inertial), values)
+    if not rotor and low > INPUT_CHECK.most_inertia_ratio and _is_rotor_missing(moving, one, inertial, values):
+        return []
+    if low > INPUT_CHECK.most_inertia_ratio or high < 1 / INPUT_CHECK.most_inertia_ratio:
+        times = math.copysign(math.sqrt(low * high), high)
+        return [_explain_inertia(name, joint, times, profile.channels[name])]
+    return []
 
 
 def check_drives(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Finding]:

@@ -93,6 +93,19 @@ def number_column(name: str, joints: Sequence[str | None]) -> str:
     return name
 
 
+def is_command_channel(name: str) -> bool:
+    """Tell whether a channel is a command.
+
+    Args:
+        name: The channel's name.
+
+    Returns:
+        Whether it was commanded, not measured.
+
+    """
+    return "_command_" in name
+
+
 def name_command_channel(measured: str) -> str:
     """Name the command channel of a measured input.
 

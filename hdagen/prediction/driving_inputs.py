@@ -8,6 +8,7 @@ from hdagen.arm.arrays import Array
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.ratings import get_torque_constant
+from hdagen.log.column_map import is_command_channel
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
 from hdagen.prediction.input_interpolation import judge_interpolation
@@ -113,19 +114,6 @@ def find_driving_channel(log: Log, j: int, source: str) -> str | None:
         kinds.reverse()
     names = (f"{quantity}{kind}_{j}" for kind in kinds for quantity in ("motor_current", "motor_torque"))
     return next((name for name in names if name in log), None)
-
-
-def is_command_channel(name: str) -> bool:
-    """Tell whether a channel is a command.
-
-    Args:
-        name: The channel's name.
-
-    Returns:
-        Whether it was commanded, not measured.
-
-    """
-    return "_command_" in name
 
 
 def _read_in_input_unit(arm: Arm, log: Log, j: int, name: str) -> Array:

@@ -91,3 +91,15 @@ def test_a_rotor_that_the_file_lacks_is_not_another_robot(rotor: float, seed: in
 def test_a_torque_in_another_unit_is_refused_beside_a_missing_rotor(two: Arm) -> None:
     with pytest.raises(LogError, match="a unit of motor_torque"):
         repair_log(scale_inputs(make_log(TWO, 1), 1, 1000.0), two)
+
+
+def test_a_command_that_the_drive_does_not_follow_is_not_another_robot(two: Arm) -> None:
+    """A drive at its limit, whose controller asks for ever more. Without a measured torque nobody could tell."""
+    log = make_log(TWO, 0)
+    asked = log["motor_torque_command_2"]
+    asked = np.where(np.abs(asked) > 0.1 * np.abs(asked).max(), 60.0, 1.0) * asked
+    wound = Log(log.time, log.columns | {"motor_torque_command_2": asked}, 2, log.source)
+    assert repair_log(wound, two)[1] == []
+    unmeasured = {name: values for name, values in wound.columns.items() if name != "motor_torque_2"}
+    with pytest.raises(LogError, match=r"motor_torque_command_2 asks for .* times the inertia of joint 2"):
+        repair_log(Log(log.time, unmeasured, 2, log.source), two)

@@ -23,10 +23,10 @@ from hdagen.data_quality.log_repair import split_at_long_gaps
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion, Mask
 from hdagen.log.channel_statistics import compute_channel_statistics
-from hdagen.log.column_map import name_command_channel
+from hdagen.log.column_map import is_command_channel, name_command_channel
 from hdagen.log.measured_log import Log
 from hdagen.prediction.channel_noise import compute_channel_noise, compute_channel_timing_noise, measure_shown_noise
-from hdagen.prediction.driving_inputs import find_driving_channel, is_command_channel, read_driving_inputs
+from hdagen.prediction.driving_inputs import find_driving_channel, read_driving_inputs
 from hdagen.prediction.input_interpolation import judge_interpolation
 from hdagen.prediction.measurement_model import Readings, Rows, complete_state, count_mechanical_states
 from hdagen.prediction.window_replay import find_window_starts
