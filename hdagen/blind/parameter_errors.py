@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.blind.confidence_intervals import Figure, estimate_median, estimate_rate
-from hdagen.blind.realities.two_joint_arms import NOMINAL_DRIVE
 from hdagen.blind.scores import Row
 
 Values = Mapping[str, float]
@@ -18,7 +17,8 @@ _STANDARD_DEVIATIONS = 2.0
 
 @dataclass(frozen=True)
 class ParameterComparison:
-    """A quantity of an effect: ``true`` from the reality's parameters, ``found`` from those of diagnosis.json."""
+    """A quantity of an effect: ``true`` from the reality's parameters, ``found`` from those of diagnosis.json, with the
+    robot file's number of each as "stated …"."""
 
     effect: str
     words: str
@@ -49,15 +49,9 @@ def _compare_amplitude(effect: str, words: str, unit: str, true: str, *found: st
     )
 
 
-def _compare_change(effect: str, key: str, true: str) -> ParameterComparison:
+def _compare_change(effect: str, unit: str, key: str, true: str) -> ParameterComparison:
     """Compare a base parameter that the effect moves; its scatter is part of the found change."""
-    return ParameterComparison(
-        effect,
-        "change",
-        "as nominal",
-        lambda t: t[true] / NOMINAL_DRIVE[key],
-        lambda f: f[key] / NOMINAL_DRIVE[key] - 1.0,
-    )
+    return ParameterComparison(effect, "change", unit, lambda t: t[true], lambda f: f[key] - f[f"stated {key}"])
 
 
 def _stiffer_wall(found: Values) -> str:
@@ -90,8 +84,8 @@ PARAMETER_COMPARISONS: tuple[ParameterComparison, ...] = (
     _compare_value("backlash", "width", "rad", "width", "backlash_angle"),
     _compare_value("stiffness", "factor", "1", "factor", "stiffness_level"),
     _compare_value("torque_constant", "factor", "1", "factor", "torque_gain"),
-    _compare_change("coulomb_friction", "coulomb_friction", "torque"),
-    _compare_change("viscous_friction", "viscous_friction", "coefficient"),
+    _compare_change("coulomb_friction", "N m", "coulomb_friction", "torque"),
+    _compare_change("viscous_friction", "N m s/rad", "viscous_friction", "coefficient"),
     _compare_value("coulomb_friction", "level", "N m", "size", "coulomb_friction"),
     _compare_value("viscous_friction", "level", "N m s/rad", "size", "viscous_friction"),
     ParameterComparison(
@@ -99,7 +93,7 @@ PARAMETER_COMPARISONS: tuple[ParameterComparison, ...] = (
         "factor",
         "1",
         lambda t: t["factor"],
-        lambda f: f["torsional_damping"] / NOMINAL_DRIVE["torsional_damping"],
+        lambda f: f["torsional_damping"] / f["stated torsional_damping"],
     ),
     ParameterComparison(
         "current_saturation", "limit", "A", lambda t: t["limit"], lambda f: 1.0 / f["saturation_inverse"]
@@ -151,9 +145,8 @@ def compare_parameters(rows: Sequence[Row]) -> list[ComparisonLine]:
                 found = (row.found or {}).get(key, {})
                 if key.split("@")[0] != one.effect or not found:
                     continue
-                values = {name: float(entry["value"]) for name, entry in found.items()}
                 try:
-                    pair = (one.true(row.true_parameters(key)), one.found(values))
+                    pair = (one.true(row.true_parameters(key)), one.found(_read_values(found)))
                 except (KeyError, ZeroDivisionError):
                     continue  # the diagnosis lacks one of the parameters
                 pairs.append(pair)
@@ -164,3 +157,10 @@ def compare_parameters(rows: Sequence[Row]) -> list[ComparisonLine]:
             errors = [abs(found - true) / abs(true) for true, found in pairs if np.isfinite(found)]
             lines.append(ComparisonLine(one, estimate_median(errors), estimate_rate(inside), tuple(pairs)))
     return lines
+
+
+def _read_values(found: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
+    """The values of an effect's parameters in diagnosis.json, and the robot file's number of each that it states."""
+    values = {name: one["value"] for name, one in found.items()}
+    values |= {f"stated {name}": one.get("file") for name, one in found.items()}
+    return {name: float(value) for name, value in values.items() if value is not None}

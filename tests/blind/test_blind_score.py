@@ -397,6 +397,18 @@ def test_true_and_found_parameters_are_put_side_by_side() -> None:
     assert {one.effect for one in PARAMETER_COMPARISONS} >= set(EFFECT_SIZES) - {"asymmetric_friction", "current_bias"}
 
 
+@pytest.mark.parametrize("stated", [0.02, 0.354])
+def test_a_change_is_that_from_the_number_of_its_own_robot_file(stated: float) -> None:
+    said = diagnosis(["viscous_friction@1"], 0.9)
+    said["causes"][0]["parameters"] = {
+        "viscous_friction": {"value": stated + 0.11, "std": 0.01, "unit": "N m s/rad", "file": stated}
+    }
+    truth = {"viscous_friction@1": {"coefficient": 0.1}}
+    right = score_case("x", label("viscous_friction@1"), {"snr": 1.0, "parameters": truth}, {}, said)
+    (line,) = compare_parameters([right])
+    assert line.pairs == ((0.1, pytest.approx(0.11)),) and line.error.value == pytest.approx(0.1)
+
+
 def test_a_seal_opens_for_its_labels_only() -> None:
     labels = {"a": label("payload@2"), "b": label()}
     closed = label_seal.seal_labels(labels, "s")
