@@ -16,6 +16,7 @@ from hdagen.model_export.mjcf_patch import find_model_joints, patch_model
 from hdagen.model_export.model_files import open_model_files
 from hdagen.model_export.mujoco_proof import ProofLog, prove_in_mujoco
 from hdagen.model_export.number_changes import describe_left_out, list_number_changes
+from hdagen.support.mujoco_warnings import collect_mujoco_warnings
 
 SPRING_STEP_SHARE = 0.25  # of the robot file's step, where joints have springs: MuJoCo's friction creeps two steps long
 
@@ -71,7 +72,7 @@ def write(robot: CorrectedRobot, out: Path, into: Path | None = None, prove: Pro
 
 def _check_model_loads(written: Path, into: Path, out: Path) -> None:
     """Refuse a place where a corrected model does not find what it includes; without MuJoCo nothing is checked."""
-    with suppress(ImportError):
+    with suppress(ImportError), collect_mujoco_warnings():
         import mujoco
 
         try:

@@ -20,6 +20,7 @@ from hdagen.model_export.mujoco_machine import MujocoMachine, import_mujoco
 from hdagen.model_export.mujoco_replay import replay_in_mujoco
 from hdagen.prediction.closed_loop_replay import JointLaw, read_controller, replay_closed_loop
 from hdagen.prediction.window_replay import REPLAY_WINDOW, Replay, check_log_fits_arm, replay
+from hdagen.support.mujoco_warnings import collect_mujoco_warnings
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,13 @@ def prove_in_mujoco(robot: CorrectedRobot, given: ProofLog, before: Path, after:
         LogError: The log is of another robot.
 
     """
-    given = _repair_log(given, robot.file)
+    with collect_mujoco_warnings() as told:
+        proof = _compare_replays(robot, _repair_log(given, robot.file), before, after)
+    return replace(proof, notes=(*proof.notes, *(f"MuJoCo warns: {line}" for line in told)))
+
+
+def _compare_replays(robot: CorrectedRobot, given: ProofLog, before: Path, after: Path) -> Proof:
+    """The errors of MuJoCo and of our model, before and after."""
     log, names = given.log, robot.joint_names
     count = _make_counter(robot, given)
     ratios = [robot.file.parameters[f"ratio_{j}"] for j in range(1, len(names) + 1)]

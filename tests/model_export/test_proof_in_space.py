@@ -165,3 +165,22 @@ def test_mujoco_closes_it_in_a_panda_of_mjcf(
     assert done.proof is not None and not done.left_out
     assert done.proof.gaps[2] > 5 * done.proof.gaps[3]
     assert done.proof.closed_share is not None and done.proof.closed_share >= LEAST_SHARE
+
+
+def test_what_mujoco_warns_of_is_told_and_leaves_no_file(
+    arm: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A model of the user whose spring is too stiff for its step: MuJoCo finds accelerations beyond all sense."""
+    monkeypatch.chdir(tmp_path)
+    mine, out, true = tmp_path / "mine.xml", tmp_path / "corrected.xml", arm.with_parameters(arm.p)
+    write(CorrectedRobot("robot.toml", arm, arm), mine)
+    mine.write_text(
+        mine.read_text().replace('<joint name="axis_1"', '<joint name="axis_1" stiffness="1e12" springref="1"')
+    )
+    true.parameters["coulomb_friction_2"] = 1.2
+    proof = write(
+        CorrectedRobot("robot.toml", arm, true), out, into=mine, prove=ProofLog(log_motion(true, 0.2), None, (), False)
+    ).proof
+    assert proof is not None and any(note.startswith("MuJoCo warns: ") for note in proof.notes)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["corrected.xml", "mine.xml"]
+    assert capfd.readouterr() == ("", "")
