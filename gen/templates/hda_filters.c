@@ -10,6 +10,7 @@
 
 #include "hda.h"
 #include "hda_parts.h"
+#include "hda_sliding.h"
 
 enum {
     D_MOST = HDA_MECHANICAL + HDA_EXTRA_MOST,
@@ -124,12 +125,14 @@ static void spread_covariance(filters *f, const hda_bank *bank, double fade) {
 static void advance_filters(filters *f, const hda_bank *bank, const double *u, const double *c, double dt) {
     const long steps = hda_parts(dt, bank->memory[2]);
     const double h = dt / (double)steps, fade = exp(-dt / bank->memory[0]);
+    double held[HDA_FILTERS][HDA_NU];
     linearise_steps(bank, f->x[find_likeliest(f->told)], u, c, h, steps, f->slopes);
     EACH(l) {
-        double held[HDA_NU];
-        memcpy(held, u, sizeof held);
-        for (int j = 0; j < HDA_N; j++) held[j] += f->extra[j][l];
-        for (long k = 0; k < steps; k++) hda_step_exact(f->x[l], held, c, &h, f->x[l]);
+        memcpy(held[l], u, sizeof held[l]);
+        for (int j = 0; j < HDA_N; j++) held[l][j] += f->extra[j][l];
+    }
+    hda_step_side_by_side(f->x, (const double (*)[HDA_NU])held, c, h, steps, HDA_FILTERS);
+    EACH(l) {
         for (int k = 0; k < HDA_FLEXIBLE; k++) {
             const double push = f->extra[HDA_N + k][l] * dt;
             f->x[l][RATE + bank->flexible[k]] += push;

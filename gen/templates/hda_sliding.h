@@ -28,4 +28,9 @@ int hda_follow_passage(const double *next, const double *u, const double *c, hda
 /* The rest of the step alone. */
 void hda_end_passage(const double *u, const double *c, hda_passage *way);
 
+/* `steps` set-valued steps of h from each of `count` states, in place, each with its own input. In the lanes of
+ * vectors, where there are some, a step in which every motor goes on sliding agrees to rounding with hda_step_exact. */
+void hda_step_side_by_side(double (*x)[HDA_NX], const double (*u)[HDA_NU], const double *c, double h, long steps,
+                           int count);
+
 #endif

@@ -223,7 +223,47 @@ static void roll_group(lanes *of, const int *edges, long windows, const double *
 #undef MEMORY
 }
 
+/* The steps of at most HDA_BATCH_WIDTH states. */
+static void step_vector(double (*x)[HDA_NX], const double (*u)[HDA_NU], const double *c, double h, long steps,
+                        int count) {
+    hda_batch constants[HDA_NC], in[HDA_NU], at[HDA_NX];
+    hda_batch_bits good = {0};
+    lanes of;
+    memset(&of, 0, sizeof of);
+    of.count = count;
+#define LAST(lane) ((lane) < count ? (lane) : count - 1)
+#define INPUT(lane) u[LAST(lane)][i]
+#define STATE(lane) x[LAST(lane)][i]
+    for (int i = 0; i < HDA_NC; i++) constants[i] = (hda_batch){0} + c[i];
+    for (int i = 0; i < HDA_NU; i++) in[i] = (hda_batch)HDA_BATCH_OF(INPUT);
+    for (int i = 0; i < HDA_NX; i++) at[i] = (hda_batch)HDA_BATCH_OF(STATE);
+    for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+        of.u[lane] = u[LAST(lane)];
+        of.c[lane] = c;
+    }
+#undef LAST
+#undef INPUT
+#undef STATE
+    for (int lane = 0; lane < count; lane++) good[lane] = -1;
+    for (long step = 0; step < steps; step++) step_lanes(&of, 0, in, constants, h, &good, at);
+    for (int lane = 0; lane < count; lane++) read_lane(at, HDA_NX, lane, x[lane]);
+}
+
 #endif
+
+void hda_step_side_by_side(double (*x)[HDA_NX], const double (*u)[HDA_NU], const double *c, double h, long steps,
+                           int count) {
+    int first = 0;
+#if HDA_LANES && !HDA_STIFF
+    for (; count - first > FEW; first += HDA_BATCH_WIDTH) {
+        const int own = count - first < HDA_BATCH_WIDTH ? count - first : HDA_BATCH_WIDTH;
+        step_vector(x + first, u + first, c, h, steps, own);
+    }
+#endif
+    for (; first < count; first++) {
+        for (long step = 0; step < steps; step++) hda_step_exact(x[first], u[first], c, &h, x[first]);
+    }
+}
 
 void hda_rollout_windows_batch(const double *begun, const double *memory, const int *edges, long windows,
                                const double *u, const double *c, const double *dt, long rows, double most,

@@ -29,11 +29,11 @@ SPAN = 40
 
 @pytest.fixture(scope="module")
 def made(build: Callable[..., Any]) -> Callable[..., tuple[Arm, Log, Readings, Array]]:
-    """made(case) -> arm, a log of it, its readings, its inputs."""
+    """made(case, profile="portable") -> arm, a log of it, its readings, its inputs."""
 
-    def filtered(case: str) -> tuple[Arm, Log, Readings, Array]:
+    def filtered(case: str, profile: str = "portable") -> tuple[Arm, Log, Readings, Array]:
         robot, effects, parameters, velocities = CASES[case]
-        arm = Arm(build(robot, "portable", effects).folder)
+        arm = Arm(build(robot, profile, effects).folder)
         arm.parameters.update({k: v for k, v in parameters.items() if k in arm.parameters})
         log = simulated(arm, velocities=velocities)
         return arm, log, Readings.from_log(arm, log), read_driving_inputs(arm, log, "command")[0]
@@ -49,9 +49,12 @@ def run(bank: FilterBank, log: Log, inputs: Array, first: list[int], last: list[
     return bank.run(log.time, inputs, np.array(first), np.array(last), each, hidden)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_the_bank_is_the_textbook_s(case: str, made: Callable[..., Any]) -> None:
-    arm, log, readings, inputs = made(case)
+@pytest.mark.parametrize(
+    ("case", "profile"), [*((case, "portable") for case in CASES), ("flexible", "native"), ("rigid", "native")]
+)
+def test_the_bank_is_the_textbook_s(case: str, profile: str, made: Callable[..., Any]) -> None:
+    """A native build steps the filters in the lanes of vectors."""
+    arm, log, readings, inputs = made(case, profile)
     bank = FilterBank(arm, readings)
     first, last = [0, 237], [SPAN, 237 + SPAN // 2]
     found = run(bank, log, inputs, first, last)
