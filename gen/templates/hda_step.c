@@ -104,11 +104,9 @@ enum { OPEN = 0, HELD = 2, MOST_ROUNDS = 4 * HDA_N, MOST_EVENTS = 4 * HDA_N, MOS
 
 /* The open joint at rest that is pushed furthest over what dry friction can hold, -1 if none; `push` is its direction
  * then. One whose load is not a number gives way too, so that it shows. */
-static int find_overloaded(const double *x, const double *u, const double *c, const int *decided, const double *s,
-                           double *push) {
-    double hold[HDA_N], level[HDA_N], most = 0.0;
+static int find_overloaded(const double *hold, const double *level, const int *decided, const double *s, double *push) {
+    double most = 0.0;
     int which = -1;
-    hda_holding(x, u, s, c, hold, level);
     for (int j = 0; j < HDA_N; j++) {
         const double over = fabs(hold[j]) - level[j];
         if (s[j] == 0.0 && decided[j] == OPEN && !(over <= most)) {
@@ -135,8 +133,9 @@ static int find_pulled_back(const double *x, const double *u, const double *c, c
 
 /* The direction of each joint: that of its speed; at rest what was decided within the step. An open one stays while dry
  * friction can hold it, else it gives way, one joint after the other, because each changes what its neighbours carry;
- * one that they pull back stays after all. */
-static void choose_directions(const double *x, const double *u, const double *c, const int *decided, double *s) {
+ * one that they pull back stays after all. Returns whether hold and level are those of these directions. */
+static int choose_directions(const double *x, const double *u, const double *c, const int *decided, double *s,
+                             double *hold, double *level) {
     int open = 0;
     for (int j = 0; j < HDA_N; j++) {
         const double speed = x[slide[j]];
@@ -145,29 +144,36 @@ static void choose_directions(const double *x, const double *u, const double *c,
     }
     for (int round = 0; open && round < MOST_ROUNDS; round++) {
         double push;
-        int which = find_overloaded(x, u, c, decided, s, &push);
+        hda_holding(x, u, s, c, hold, level);
+        int which = find_overloaded(hold, level, decided, s, &push);
         if (which >= 0) {
             s[which] = push;
             continue;
         }
         which = find_pulled_back(x, u, c, decided, s);
-        if (which < 0) return;
+        if (which < 0) return 1;
         s[which] = 0.0;
     }
+    return 0;
 }
 
 /* What each joint has left before it changes, below 0 when it is overdue: its speed along its direction; at rest what
  * dry friction can still hold, with the direction of the push. */
+static void measure_margins(const double *x, const double *s, const double *hold, const double *level, double *margin,
+                            int *push) {
+    for (int j = 0; j < HDA_N; j++) {
+        margin[j] = s[j] != 0.0 ? x[slide[j]] * s[j] : level[j] - fabs(hold[j]);
+        push[j] = hold[j] > 0.0 ? 1 : -1;
+    }
+}
+
 static void find_margins(const double *x, const double *u, const double *c, const double *s, double *margin,
                          int *push) {
     double hold[HDA_N] = {0}, level[HDA_N] = {0};
     int rests = 0;
     for (int j = 0; j < HDA_N; j++) rests |= s[j] == 0.0;
     if (rests) hda_holding(x, u, s, c, hold, level);
-    for (int j = 0; j < HDA_N; j++) {
-        margin[j] = s[j] != 0.0 ? x[slide[j]] * s[j] : level[j] - fabs(hold[j]);
-        push[j] = hold[j] > 0.0 ? 1 : -1;
-    }
+    measure_margins(x, s, hold, level, margin, push);
 }
 
 /* The joint that changes first within the step, -1 if none, and after which share of it, by straight lines; the share
@@ -189,14 +195,18 @@ static int first_change(const double *before, const double *after, const double 
 
 /* The next part of the step begins: to its end, unless something changes on the way. */
 static void begin_part(hda_passage *way, const double *u, const double *c) {
+    double hold[HDA_N], level[HDA_N];
     int push[HDA_N];
     way->phase = HDA_WHOLE;
     if (way->event++ == MOST_EVENTS) { /* too many changes in one step: whoever rests now rests until its end */
         for (int j = 0; j < HDA_N; j++) way->decided[j] = way->at[slide[j]] == 0.0 ? HELD : OPEN;
         way->phase = HDA_LAST;
     }
-    choose_directions(way->at, u, c, way->decided, way->s);
-    find_margins(way->at, u, c, way->s, way->before, push);
+    if (choose_directions(way->at, u, c, way->decided, way->s, hold, level)) {
+        measure_margins(way->at, way->s, hold, level, way->before, push);
+    } else {
+        find_margins(way->at, u, c, way->s, way->before, push);
+    }
     way->span = way->left;
 }
 

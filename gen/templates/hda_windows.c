@@ -49,7 +49,7 @@ static long count_rows_inside(const int *edges, long windows) {
 
 #include "hda_batch_step.h"
 
-enum { FEW = HDA_BATCH_WIDTH / 4 }; /* lanes that take no longer one by one than in a vector */
+enum { FEW = 1 }; /* lanes that take no longer one by one than in a vector */
 
 static const int slide[HDA_N] = HDA_SLIDE; /* entry of x whose sign is the direction of dry friction at joint j */
 
