@@ -295,6 +295,7 @@ class DaskRunner:
             with self._explain_errors():
                 future.cancel(force=True)
                 self._client.run(end_process, workers=[attempt.worker], wait=False)
+            self._sent_files.forget_worker(attempt.worker)
             said = f"it was stopped after {attempt.task.longest_seconds:g} s."
             yield attempt, Outcome(Status.FAILED, messages=(said,), seconds=attempt.task.longest_seconds)
 
