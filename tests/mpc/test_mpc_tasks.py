@@ -96,7 +96,7 @@ def test_an_interrupt_leaves_the_finished_runs(
 
 
 def test_a_row_that_is_not_whole_is_not_taken() -> None:
-    outcome: dict[str, Any] = {**dict.fromkeys(random_run_tasks._NUMBERS, 1.0), "violated": {}}
+    outcome: dict[str, Any] = {**dict.fromkeys(random_run_tasks._OUTCOME_NUMBERS, 1.0), "violated": {}}
     row = {"seed": 1, "delay": 2, "legal": True, "kept": True, "predictive": outcome, "free": outcome}
     assert not random_run_tasks.is_run_row(row)
     assert random_run_tasks.is_run_row({**row, "admittance": outcome})

@@ -19,7 +19,7 @@ from hdagen.campaign.task import Status, Task, TaskFolder
 from hdagen.mpc.benchmark.law_comparison import RandomRun, RandomRunBench, drive_random_run, make_random_bench
 from hdagen.mpc.closed_loop_trial import TrialOutcome
 
-_NUMBERS = ("distance", "largest", "free_distance", "contact", "released", "refused")
+_OUTCOME_NUMBERS = ("distance", "largest", "free_distance", "contact", "released", "refused")
 
 
 def drive_runs_on_cluster(
@@ -103,7 +103,7 @@ def is_run_row(row: Mapping[str, Any]) -> bool:
     except (LookupError, TypeError):
         return False
     outcomes = (run.predictive, run.free, run.admittance)
-    numbers = [run.seed, run.delay, *(getattr(one, each) for one in outcomes for each in _NUMBERS)]
+    numbers = [run.seed, run.delay, *(getattr(one, each) for one in outcomes for each in _OUTCOME_NUMBERS)]
     return all(is_number(one) for one in numbers) and all(isinstance(one.violated, dict) for one in outcomes)
 
 
