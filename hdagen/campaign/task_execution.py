@@ -19,7 +19,7 @@ from hdagen.campaign.task import Status, TaskFolder, TaskRefusedError
 
 DISK_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # the worker's fault, not the task's
 ENDED, NEEDS_BUILD, NEEDS_FILES, UNFIT_WORKER = "ended", "needs build", "needs files", "unfit worker"  # of a reply
-_RECEIVED_FOLDER = "hdagen-received"
+_KEPT_FILES_FOLDER = "hdagen-received"
 _MOST_MESSAGES = 50
 _received: dict[str, ReceivedFiles] = {}  # by the folder of a worker: a test may have several in one process
 
@@ -64,7 +64,7 @@ def execute_on_worker(payload: Mapping[str, Any]) -> dict[str, Any]:
 
     worker = get_worker()
     place = worker.local_directory
-    received = _received.setdefault(place, ReceivedFiles(Path(place) / _RECEIVED_FOLDER))
+    received = _received.setdefault(place, ReceivedFiles(Path(place) / _KEPT_FILES_FOLDER))
     try:
         files, lacking = received.fill_in_kept(payload["files"])
     except OSError as error:
