@@ -1,11 +1,12 @@
 """Each rule of the decision switched off in turn, on the stored searches of sealed checks: what it is worth.
 
     hdagen blind --kind single --cases 40 --keep-searches --out checked
-    python -m hdagen.blind.ablation checked --out docs/ablation.json
+    python -m hdagen.blind.ablation checked --out docs/ablation.json [--jobs 2]
     python -m hdagen.blind.ablation docs/ablation.json
 
 No set of effects is fitted again. A rule that is off may ask for a second search that the diagnosis had not needed;
-then the first one stands. Cases that the file has already are not decided again. Labels are read after a case is
+then the first one stands. Each case is a task, kept in the folder `ablation` of its check, so an interrupted call goes
+on by the same command. Cases that the file has already are not decided again. Labels are read after the cases are
 decided.
 """
 
@@ -14,68 +15,50 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hdagen.arm.build_loader import PlantError
-from hdagen.arm.joint_names import read_joint_names
 from hdagen.blind.ablation_table import AS_IT_IS, render_ablation
-from hdagen.blind.decision_rules import RULES
+from hdagen.blind.ablation_task import DECISIONS_FILE, is_other_decision, make_ablation_task
 from hdagen.blind.realities.population import read_population
 from hdagen.blind.scores import score_case
+from hdagen.campaign.campaign_run import run_campaign
+from hdagen.campaign.cluster import open_cluster
+from hdagen.campaign.cluster_request import ClusterRequest
+from hdagen.campaign.result_store import ResultStore
+from hdagen.campaign.task import Outcome, Status
 from hdagen.diagnosis.search.stored_searches import SEARCHES_FILE
-from hdagen.diagnosis.stored_diagnosis import StoredDiagnosis, read_diagnosis
-from hdagen.log.data_table import LogError
-from hdagen.log.measured_log import read
 from hdagen.support.atomic_write import write_atomically
 from hdagen.support.input_file import InputFileError, read_json
 from hdagen.support.version import __version__
 
 LARGEST_REPORT_BYTES = 50_000_000
-DECIDED_KEYS = ("verdict", "sure", "hypotheses")
+RESULT_FOLDER = "ablation"  # in the folder of a check
 _LABEL_KEYS = ("optional", "numbers", "sizes", "background", "kind")
 
 
 class AblationError(Exception):
-    """A case cannot be decided again; the message is a sentence."""
+    """A check cannot be decided again; the message is a sentence."""
 
 
-def decide_without_rules(folder: Path) -> dict[str, Mapping[str, Any] | None]:
-    """Decide a case as it is, and with each rule off.
+@dataclass(frozen=True)
+class AblatedCheck:
+    """The cases of a check, decided with each rule off.
 
-    Args:
-        folder: of the case, with its robot file, log, searches and diagnosis.
-
-    Returns:
-        By the rule's name what was decided, as `StoredDiagnosis.decide_again` has it; None where there is no decision.
-
-    Raises:
-        AblationError: the case is not decided as it was.
-        InputFileError: a file of the case cannot be read.
-        LogError: the log cannot be read.
-        PlantError: the robot cannot be built.
+    Attributes:
+        cases: each case with its ``name``, its ``population``, its ``kind``, whether it has a ``truth``, and by rule
+            its ``outcomes``, each with whether the decision ``differs`` at all.
+        problems: a sentence for each case that could not be decided.
+        was_interrupted: whether an interrupt left some undecided.
 
     """
-    robot, searches = folder / "robot.toml", folder / "out" / SEARCHES_FILE
-    log = read(folder / "log.parquet", holes=True, names=read_joint_names(robot))
-    stored = read_diagnosis(robot, [log], searches)
-    found = {AS_IT_IS: _decide(stored)}
-    said = read_json(folder / "out" / "diagnosis.json", LARGEST_REPORT_BYTES, "check again")
-    before = found[AS_IT_IS]
-    if before is None or any(before[key] != said[key] for key in DECIDED_KEYS):
-        raise AblationError(f"{folder}: is not decided as in its diagnosis.json; check again with this version.")
-    for rule in RULES:
-        with rule.switch_off():
-            found[rule.name] = _decide(stored)
-    return found
 
-
-def _decide(stored: StoredDiagnosis) -> Mapping[str, Any] | None:
-    try:
-        return stored.decide_again()
-    except (LogError, PlantError):
-        return None
+    cases: Sequence[Mapping[str, Any]]
+    problems: Sequence[str]
+    was_interrupted: bool
 
 
 def score_outcome(row: Mapping[str, Any], said: Mapping[str, Any] | None) -> dict[str, bool]:
@@ -102,54 +85,65 @@ def score_outcome(row: Mapping[str, Any], said: Mapping[str, Any] | None) -> dic
     }
 
 
-def ablate_check(folder: Path, known: Sequence[str]) -> Iterator[dict[str, Any]]:
+def ablate_check(folder: Path, known: Sequence[str], asked: ClusterRequest, say: Callable[[str], None]) -> AblatedCheck:
     """Decide the cases of a check with each rule off, and score them.
 
     Args:
         folder: of the check, which kept its searches.
         known: names of the cases that are not decided again.
+        asked: where cases are decided.
+        say: hears how far the work is.
 
-    Yields:
-        Each case with its ``name``, its ``population``, its ``kind``, whether it has a ``truth``, and by rule its
-        ``outcomes``, each with whether the decision ``differs`` at all.
+    Returns:
+        The cases that are not known.
 
     Raises:
-        AblationError: the check kept no searches, or a case is not decided as it was.
+        AblationError: the check kept no searches.
         InputFileError: a file cannot be read.
-        LogError: a log cannot be read.
-        PlantError: a robot cannot be built.
+        PlantError: another call works on this check, or no further case can be decided; what is finished is kept.
+        OSError: a result cannot be written.
 
     """
     places = sorted(path.parent.parent for path in (folder / "cases").glob(f"*/out/{SEARCHES_FILE}"))
     if not places:
         raise AblationError(f"{folder}: keeps no searches; check again with `hdagen blind --keep-searches`.")
     report = read_json(folder / "blind.json", LARGEST_REPORT_BYTES, "finish the check with `hdagen blind`")
+    names = {place.name: f"{report['seed']}/{place.name}" for place in places}
+    (folder / RESULT_FOLDER).mkdir(exist_ok=True)
+    store = ResultStore(folder / RESULT_FOLDER)
+    every = [make_ablation_task(place) for place in places]
+    tasks = [one for one in every if names[one.name] not in known or store.find_finished(one)]  # rows of the table
+    with store.hold_lock(), open_cluster(asked, say) as runner:
+        outcomes, interrupted = run_campaign(tasks, store, runner, say)
+    cases = [
+        {"name": names[name], "version": __version__, **_score_decisions(report, name, store)}
+        for name, outcome in outcomes.items()
+        if outcome.status is Status.DONE and names[name] not in known
+    ]
+    return AblatedCheck(cases, _list_problems(outcomes), interrupted)
+
+
+def _list_problems(outcomes: Mapping[str, Outcome]) -> list[str]:
+    ended = [one for one in outcomes.values() if one.status in (Status.REFUSED, Status.FAILED)]
+    return [" ".join(one.messages) for one in ended]
+
+
+def _score_decisions(report: Mapping[str, Any], name: str, store: ResultStore) -> dict[str, Any]:
+    """A decided case with its outcomes; its label is read only now. Raises InputFileError."""
+    decided = read_json(store.folder / name / DECISIONS_FILE, LARGEST_REPORT_BYTES, "remove its folder")
+    row = next(row for row in report["rows"] if row["name"] == name)
     population = read_population(report)
-    for place in places:
-        name = f"{report['seed']}/{place.name}"
-        if name in known:
-            continue
-        decided = decide_without_rules(place)
-        row = next(row for row in report["rows"] if row["name"] == place.name)  # the label, only now
-        yield {
-            "name": name,
-            "population": population.name,
-            "family": population.family,
-            "kind": row["kind"],
-            "truth": list(row["truth"]),
-            "version": __version__,
-            "outcomes": {
-                rule: {**score_outcome(row, said), "differs": _differs(said, decided[AS_IT_IS])}
-                for rule, said in decided.items()
-            },
-        }
-
-
-def _differs(said: Mapping[str, Any] | None, usual: Mapping[str, Any] | None) -> bool:
-    """Whether a decision is another one, be it by a probability alone."""
-    if said is None or usual is None:
-        return said is not usual
-    return any(said[key] != usual[key] for key in DECIDED_KEYS)
+    outcomes = {
+        rule: {**score_outcome(row, said), "differs": is_other_decision(said, decided[AS_IT_IS])}
+        for rule, said in decided.items()
+    }
+    return {
+        "population": population.name,
+        "family": population.family,
+        "kind": row["kind"],
+        "truth": list(row["truth"]),
+        "outcomes": outcomes,
+    }
 
 
 def main() -> int:
@@ -157,22 +151,40 @@ def main() -> int:
     p = argparse.ArgumentParser(prog="python -m hdagen.blind.ablation", description=(__doc__ or "").split("\n")[0])
     p.add_argument("sources", nargs="+", type=Path, help="folders of checks; without --out one file of cases")
     p.add_argument("--out", type=Path, help="the file of cases, to which those of the checks are added")
+    p.add_argument("--jobs", type=int, default=1, metavar="J", help="cases at the same time (default: 1)")
     options = p.parse_args()
-    kept: dict[str, Any] = {"cases": []}
-    file = options.out or options.sources[0]
     try:
-        if options.out is None or file.exists():
-            kept = read_json(file, LARGEST_REPORT_BYTES, "`python -m hdagen.blind.ablation --out` writes such a file")
-        for folder in options.sources if options.out else ():
-            for case in ablate_check(folder, [one["name"] for one in kept["cases"]]):
-                kept["cases"].append(case)
-                write_atomically(file, (json.dumps(kept, indent=1) + "\n").encode())
-                print(case["name"], file=sys.stderr, flush=True)
-    except (AblationError, InputFileError, LogError, PlantError) as error:
+        kept, problems, interrupted = _ablate_checks(options)
+    except (AblationError, InputFileError, PlantError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
+    for words in problems:
+        print(words, file=sys.stderr)
     sys.stdout.write(render_ablation(kept))
-    return 0
+    if interrupted:
+        return 130
+    return 2 if problems else 0
+
+
+def _ablate_checks(options: argparse.Namespace) -> tuple[dict[str, Any], list[str], bool]:
+    """The content of the file of cases, to which those of the checks are added; sentences; whether it was interrupted.
+
+    Raises AblationError, InputFileError, PlantError, OSError."""
+    kept: dict[str, Any] = {"cases": []}
+    problems: list[str] = []
+    file = options.out or options.sources[0]
+    if options.out is None or file.exists():
+        kept = read_json(file, LARGEST_REPORT_BYTES, "`python -m hdagen.blind.ablation --out` writes such a file")
+    for folder in options.sources if options.out else ():
+        known, asked = [one["name"] for one in kept["cases"]], ClusterRequest(jobs=options.jobs)
+        found = ablate_check(folder, known, asked, lambda words: print(words, file=sys.stderr, flush=True))
+        problems += found.problems
+        if found.cases:
+            kept["cases"] += found.cases
+            write_atomically(file, (json.dumps(kept, indent=1) + "\n").encode())
+        if found.was_interrupted:
+            return kept, problems, True
+    return kept, problems, False
 
 
 if __name__ == "__main__":

@@ -124,6 +124,8 @@ def _connect(asked: ClusterRequest, say: Callable[[str], None]) -> Iterator[tupl
         with Client(cluster) as client:
             if _has_dashboard():
                 say(f"dashboard: {cluster.dashboard_link}")
+            else:
+                say("dashboard: none, as bokeh is not installed; `pip install bokeh` lets the next run have one.")
             yield client, _find_memory_limit(cluster)
     finally:
         with suppress(TimeoutError):
@@ -171,7 +173,7 @@ def _connect_to_address(asked: ClusterRequest, say: Callable[[str], None]) -> It
         ) from None
     try:
         if "dashboard" in client.scheduler_info()["services"]:
-            say(f"dashboard, where bokeh is installed beside the scheduler: {client.dashboard_link}")
+            say(f"dashboard, if the scheduler's computer has bokeh: {client.dashboard_link}")
         yield client
     finally:
         with suppress(OSError, RuntimeError):  # its scheduler is lost

@@ -14,11 +14,14 @@ from typing import Any
 
 from hdagen.arm.build_loader import MissingCompilerError, PlantError
 from hdagen.campaign.build_transport import unpack_build
+from hdagen.campaign.file_transport import ReceivedFiles
 from hdagen.campaign.task import Status, TaskFolder, TaskRefusedError
 
 DISK_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)  # the worker's fault, not the task's
-ENDED, NEEDS_BUILD, UNFIT_WORKER = "ended", "needs build", "unfit worker"  # kinds of a reply
+ENDED, NEEDS_BUILD, NEEDS_FILES, UNFIT_WORKER = "ended", "needs build", "needs files", "unfit worker"  # of a reply
+_KEPT_FILES_FOLDER = "hdagen-received"
 _MOST_MESSAGES = 50
+_received: dict[str, ReceivedFiles] = {}  # by the folder of a worker: a test may have several in one process
 
 
 def execute_payload(payload: Mapping[str, Any], scratch: str | None = None) -> dict[str, Any]:
@@ -40,7 +43,7 @@ def execute_payload(payload: Mapping[str, Any], scratch: str | None = None) -> d
         with tempfile.TemporaryDirectory(prefix="hdagen-task-", dir=scratch) as place, threadpool_limits(1):
             reply = _execute_in_folder(payload, Path(place))
     except OSError as error:
-        reply = {"kind": UNFIT_WORKER, "messages": [f"{error.filename}: {error.strerror}"]}
+        reply = _report_unfit_worker(error)
     return reply | {
         "seconds": time.perf_counter() - begun,
         "processor_seconds": measure_processor_seconds() - used,
@@ -51,16 +54,24 @@ def execute_on_worker(payload: Mapping[str, Any]) -> dict[str, Any]:
     """Execute a task in a folder that the worker's supervisor removes even after a kill.
 
     Args:
-        payload: What `Task.make_payload` made.
+        payload: What `Task.make_payload` made, without the contents that this worker keeps.
 
     Returns:
-        The reply, as `execute_payload` gives it, with the worker's address.
+        The reply, as `execute_payload` gives it, or a request for contents that this worker lacks; with its address.
 
     """
     from distributed import get_worker
 
     worker = get_worker()
-    return execute_payload(payload, worker.local_directory) | {"worker": worker.address}
+    place = worker.local_directory
+    received = _received.setdefault(place, ReceivedFiles(Path(place) / _KEPT_FILES_FOLDER))
+    try:
+        files, lacking = received.fill_in_kept(payload["files"])
+    except OSError as error:
+        return _report_unfit_worker(error) | {"worker": worker.address}
+    if lacking:
+        return {"kind": NEEDS_FILES, "lacking": lacking, "worker": worker.address}
+    return execute_payload({**payload, "files": files}, place) | {"worker": worker.address}
 
 
 def measure_processor_seconds() -> float:
@@ -72,6 +83,11 @@ def measure_processor_seconds() -> float:
     """
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + ended.ru_utime + ended.ru_stime
+
+
+def _report_unfit_worker(error: OSError) -> dict[str, Any]:
+    """The reply of a worker whose disk takes no files."""
+    return {"kind": UNFIT_WORKER, "messages": [f"{error.filename}: {error.strerror}"]}
 
 
 def _execute_in_folder(payload: Mapping[str, Any], place: Path) -> dict[str, Any]:

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from hdagen.arm.build_loader import PlantError
 from hdagen.campaign.build_transport import pack_build
+from hdagen.campaign.file_transport import SentFiles
 from hdagen.campaign.task import Outcome, Status, Task
-from hdagen.campaign.task_execution import ENDED, NEEDS_BUILD, execute_on_worker, execute_payload
+from hdagen.campaign.task_execution import ENDED, NEEDS_BUILD, NEEDS_FILES, execute_on_worker, execute_payload
 from hdagen.campaign.worker_admission import Admission, end_process
 
 if TYPE_CHECKING:
@@ -102,6 +103,7 @@ class DaskRunner:
         self._say = say
         self._memory = memory
         self._admission = Admission(client, say)
+        self._sent_files = SentFiles()
         self._ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         self._waiting: dict[Future[Any], _Attempt] = {}
         self._again: list[_Attempt] = []
@@ -187,6 +189,7 @@ class DaskRunner:
         payload = _make_payload(attempt.task, attempt.builds)
         if isinstance(payload, Outcome):
             return payload
+        payload["files"] = self._sent_files.leave_out_kept(payload["files"], attempt.worker)
         self._count += 1
         attempt.deadline = time.monotonic() + attempt.task.longest_seconds
         key = (self._group, self._count)
@@ -202,6 +205,7 @@ class DaskRunner:
             if not self._admission.is_lost(attempt.worker):
                 continue
             del self._waiting[future]
+            self._sent_files.forget_worker(attempt.worker)
             with self._explain_errors():
                 future.cancel(force=True)
             attempt.kills += 1
@@ -250,6 +254,10 @@ class DaskRunner:
             return _read_reply(reply)
         if reply["kind"] == NEEDS_BUILD:
             return self._send_build(attempt, reply)
+        if reply["kind"] == NEEDS_FILES:  # it was started again under its address
+            self._sent_files.forget_contents(attempt.worker, reply["lacking"])
+            self._again.append(attempt)
+            return None
         self._admission.dismiss(attempt.worker, reply["messages"][0])
         self._again.append(attempt)
         return None
@@ -287,6 +295,7 @@ class DaskRunner:
             with self._explain_errors():
                 future.cancel(force=True)
                 self._client.run(end_process, workers=[attempt.worker], wait=False)
+            self._sent_files.forget_worker(attempt.worker)
             said = f"it was stopped after {attempt.task.longest_seconds:g} s."
             yield attempt, Outcome(Status.FAILED, messages=(said,), seconds=attempt.task.longest_seconds)
 

@@ -7,6 +7,9 @@ import argparse
 import contextlib
 import json
 import os
+import sys
+import tempfile
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,11 +17,13 @@ from typing import TYPE_CHECKING, Any
 from hdagen.cli.cluster_options import add_cluster_options, count_job_slots, read_cluster_request
 
 if TYPE_CHECKING:
+    from hdagen.campaign.cluster_request import ClusterRequest
+    from hdagen.mpc.benchmark.law_comparison import RandomRun
     from hdagen.mpc.benchmark.sqp_convergence import LoopCosts
 
 MPC_EXAMPLE = """examples:
   hdagen mpc table                 impedance, admittance and predictive control, free and against a wall
-  hdagen mpc table --runs 100      the same over random runs
+  hdagen mpc table --runs 100 --out runs   the same over random runs, kept in a folder
   hdagen simulate paper --controller mpc --out run.parquet && hdagen mpc explain run.parquet
   hdagen mpc header > mpc_settings.h   the configuration for C, as example_mpc.c includes it
   hdagen mpc sense                 innovations, delay and bias on a step of force, collisions and false alarms
@@ -53,7 +58,13 @@ def add_parser(commands: Any) -> None:
     )
     p.add_argument("--runs", type=int, default=0, help="of `table`: random runs besides (default: none)")
     p.add_argument("--profile", choices=("portable", "native"), default="native")
-    p.add_argument("--out", type=Path, default=None, help="of `explain`: the page (default: beside the log, .html)")
+    p.add_argument(
+        "--out",
+        type=Path,
+        default=None,
+        help="of `explain`: the page (default: beside the log, .html); of `table`: a folder that "
+        "keeps the random runs, so that the same command goes on after an interruption (default: none is kept)",
+    )
     p.add_argument("--json", action="store_true", help="print the figures as JSON")
     add_cluster_options(p, "random runs of `table`", "the cores")
 
@@ -134,18 +145,14 @@ def _print_comparison(options: argparse.Namespace) -> int:
     from rich.console import Console
 
     from hdagen.mpc.benchmark.law_comparison import compare_controllers, format_comparison
-    from hdagen.mpc.benchmark.random_run_tasks import drive_runs_on_cluster
 
     count = max(0, options.runs)
     asked = read_cluster_request(options, min(count_job_slots(1), max(count, 1)))
     with Console(stderr=True).status("starting") as status:
         found = compare_controllers(options.profile, status.update)
-        runs = []
-        with contextlib.suppress(KeyboardInterrupt):  # an interrupt leaves the runs that are finished
-            for one in drive_runs_on_cluster(count, found.tuned.gains, options.profile, asked, status.console.print):
-                runs.append(one)
-                status.update(f"random run {len(runs)} of {count}, limits kept in {sum(r.kept for r in runs)}")
-    runs.sort(key=lambda one: one.seed)
+    runs = []
+    if count:
+        runs = _drive_random_runs(count, found.tuned.gains, options, asked)
     if options.json:
         rows = {
             "rows": [asdict(row) for row in found.rows],
@@ -157,6 +164,28 @@ def _print_comparison(options: argparse.Namespace) -> int:
     else:
         print("\n".join(format_comparison(found, runs)))
     return 0
+
+
+def _drive_random_runs(
+    count: int, tuned: Mapping[str, float], options: argparse.Namespace, asked: ClusterRequest
+) -> list[RandomRun]:
+    """The random runs that are finished; an interrupt leaves the others. Raises PlantError."""
+    from hdagen.arm.build_loader import PlantError
+    from hdagen.mpc.benchmark.random_run_tasks import drive_runs_on_cluster
+
+    def say(words: str) -> None:
+        print(words, file=sys.stderr)
+
+    with contextlib.ExitStack() as stack:
+        folder = options.out or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hdagen-runs-")))
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            runs, interrupted = drive_runs_on_cluster(count, tuned, options.profile, folder, asked, say)
+        except OSError as error:
+            raise PlantError(f"{error.filename}: {error.strerror}; name another folder with --out.") from None
+    if interrupted and options.out:
+        say(f"{len(runs)} of {count} random runs are kept in {options.out}; the same command goes on.")
+    return runs
 
 
 def _print_sensing(options: argparse.Namespace) -> int:

@@ -175,7 +175,7 @@ def _build_drift_section(done: Sequence[MachineResult]) -> page.Section:
     drawn = [_draw_drift(one) for one in drifts[:MOST_DRAWN_DRIFTS] if one.is_sure]
     figures = [table]
     if drawn:
-        figures.append(figure.place_abreast(drawn))
+        figures.append(figure.place_in_column(drawn))
     return page.Section("Drift", text + _say_cut(len(drifts), MOST_LISTED_DRIFTS), figures)
 
 

@@ -27,11 +27,12 @@ __all__ = [
     "draw_planes",
     "draw_table",
     "place_abreast",
+    "place_in_column",
 ]  # fmt: skip
 
 
 def place_abreast(figures: Sequence[str]) -> str:
-    """Place figures beside each other, as many in a row as there is room for.
+    """Place figures beside each other, as many in a row as the window has room for: the row may be wider than the text.
 
     Args:
         figures: Markup of the figures.
@@ -41,3 +42,16 @@ def place_abreast(figures: Sequence[str]) -> str:
 
     """
     return build_element("div", *figures, class_="abreast")
+
+
+def place_in_column(figures: Sequence[str]) -> str:
+    """Place figures beside each other, as many in a row as the column of the text has room for.
+
+    Args:
+        figures: Markup of the figures.
+
+    Returns:
+        Markup of the group.
+
+    """
+    return build_element("div", *figures, class_="abreast within")

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
-from hdagen.blind import ablation
+from hdagen.blind import ablation, ablation_task
 from hdagen.blind.ablation_table import AS_IT_IS, render_ablation
 from hdagen.blind.confidence_intervals import estimate_paired_difference
 from hdagen.blind.decision_rules import RULES, Rule
+from hdagen.campaign.cluster_request import ClusterRequest
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.log.data_table import LogError
 from hdagen.support.setting_declaration import list_settings
@@ -63,7 +66,8 @@ def make_check(folder: Path, truth: list[str], said: dict[str, Any]) -> Path:
     """A finished check of one case, with ``said`` as its diagnosis."""
     out = folder / "cases" / "case-000" / "out"
     out.mkdir(parents=True)
-    (out / "searches.npz").touch()
+    for path in (out / "searches.npz", out.parent / "robot.toml", out.parent / "log.parquet"):
+        path.touch()
     (out / "diagnosis.json").write_text(json.dumps(said))
     row: dict[str, Any] = {
         "name": "case-000",
@@ -80,16 +84,21 @@ def make_check(folder: Path, truth: list[str], said: dict[str, Any]) -> Path:
 @pytest.fixture
 def stub(monkeypatch: pytest.MonkeyPatch) -> StubDiagnosis:
     made = StubDiagnosis()
-    monkeypatch.setattr(ablation, "read_diagnosis", lambda *_: made)
-    monkeypatch.setattr(ablation, "read", lambda *_, **__: None)
-    monkeypatch.setattr(ablation, "read_joint_names", lambda _: None)
+    monkeypatch.setattr(ablation_task, "read_diagnosis", lambda *_: made)
+    monkeypatch.setattr(ablation_task, "read", lambda *_, **__: None)
+    monkeypatch.setattr(ablation_task, "read_joint_names", lambda _: None)
     return made
+
+
+def ablate_here(folder: Path, *known: str) -> ablation.AblatedCheck:
+    """The cases of a check that are not known, decided in this process."""
+    return ablation.ablate_check(folder, known, ClusterRequest(), lambda _: None)
 
 
 @pytest.mark.parametrize("truth", [["backlash@1"], []])
 def test_a_case_is_scored_with_each_rule_off(stub: StubDiagnosis, tmp_path: Path, truth: list[str]) -> None:
     folder = make_check(tmp_path, truth, stub.decide_again())
-    (case,) = ablation.ablate_check(folder, ())
+    (case,) = ablate_here(folder).cases
     outcomes = case["outcomes"]
     assert outcomes.keys() == {AS_IT_IS, *(rule.name for rule in RULES)}
     assert [outcomes[AS_IT_IS][key] for key in ("right", "named", "differs")] == [not truth, False, False]
@@ -97,7 +106,10 @@ def test_a_case_is_scored_with_each_rule_off(stub: StubDiagnosis, tmp_path: Path
     assert [off[key] for key in ("right", "named", "joint", "differs")] == [bool(truth), True, bool(truth), True]
     refused = outcomes[REFUSAL_RULE.name]
     assert [refused[key] for key in ("right", "named", "sure", "differs")] == [False, False, False, True]
-    assert list(ablation.ablate_check(folder, [case["name"]])) == []
+    again = ablate_here(folder, case["name"])
+    assert (again.cases, again.problems, again.was_interrupted) == ([], [], False)
+    (row,) = pq.read_table(folder / "ablation" / "results.parquet").to_pylist()  # what is known keeps its row
+    assert (row["task"], row["status"], row["decisions"], row["differ"]) == ("case-000", "done", len(RULES) + 1, 2)
     table = render_ablation({"cases": [case]})
     assert "Cases: 1 (arms of another simulator, " in table and table.count("\n| ") == len(RULES) + 2
     (line,) = (line for line in table.splitlines() if f"`{ALARM_RULE.name}`" in line)
@@ -110,11 +122,39 @@ def test_a_case_that_is_not_decided_as_it_was_is_refused(
     folder = make_check(tmp_path / "check", [], {**stub.decide_again(), "sure": False})
     monkeypatch.setattr("sys.argv", ["ablation", str(folder), "--out", str(tmp_path / "cases.json")])
     assert ablation.main() == 2
-    assert "is not decided as in its diagnosis.json" in capsys.readouterr().err
+    assert "diagnosis.json: the case is not decided as it says" in capsys.readouterr().err
     assert not (tmp_path / "cases.json").exists()
     monkeypatch.setattr("sys.argv", ["ablation", str(tmp_path), "--out", str(tmp_path / "cases.json")])
     assert ablation.main() == 2
     assert "keeps no searches" in capsys.readouterr().err
+
+
+def test_an_interrupted_ablation_goes_on_and_no_label_is_among_the_inputs(
+    stub: StubDiagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The second of two cases is interrupted; the same command decides that one alone."""
+    folder, file, decided = make_check(tmp_path / "check", ["backlash@1"], stub.decide_again()), tmp_path / "x.json", []
+    report = json.loads((folder / "blind.json").read_text())
+    report["rows"].append({**report["rows"][0], "name": "case-001"})
+    (folder / "blind.json").write_text(json.dumps(report))
+    shutil.copytree(folder / "cases" / "case-000", folder / "cases" / "case-001")
+    task = ablation_task.make_ablation_task(folder / "cases" / "case-001")
+    assert set(task.files) == {"robot.toml", "log.parquet", "searches.npz", "diagnosis.json"}
+    (folder / "cases" / "case-001" / "log.parquet").write_text("another log")
+
+    def read_once(robot: Path, *_: object) -> StubDiagnosis:
+        decided.append(robot)
+        if len(decided) == 2:
+            raise KeyboardInterrupt
+        return stub
+
+    monkeypatch.setattr(ablation_task, "read_diagnosis", read_once)
+    monkeypatch.setattr("sys.argv", ["ablation", str(folder), "--out", str(file)])
+    assert ablation.main() == 130
+    assert [case["name"] for case in json.loads(file.read_text())["cases"]] == ["s/case-000"]
+    assert ablation.main() == 0
+    assert "1 of 2 were finished before and are kept, 1 are left." in capsys.readouterr().err and len(decided) == 3
+    assert [case["name"] for case in json.loads(file.read_text())["cases"]] == ["s/case-000", "s/case-001"]
 
 
 def test_the_file_of_cases_grows(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import subprocess
 import sys
@@ -115,6 +116,15 @@ def test_a_table_that_is_half_is_made_again_from_the_files(store: ResultStore) -
         "3 of 3 were finished before and are kept, 0 are left.",
     ]
     assert [row["square"] for row in rows_of(store).values()] == [0, 1, 4]
+
+
+def test_the_dashboard_is_told_by_its_address_or_by_what_it_lacks(workers: TaskRunner) -> None:
+    """Without bokeh, Dask serves no dashboard."""
+    (said,) = [words for words in SAID if words.startswith("dashboard: ")]
+    if importlib.util.find_spec("bokeh"):
+        assert said.startswith("dashboard: http://127.0.0.1:")
+    else:
+        assert said.startswith("dashboard: none, as bokeh is not installed; `pip install bokeh`")
 
 
 def test_two_runs_in_one_folder_are_refused(store: ResultStore) -> None:

@@ -75,6 +75,15 @@ def test_a_fleet_runs_on_workers_that_share_no_folder(site: Site, tmp_path: Path
     assert found["there"]["counts"] == {"diagnosed": 3, "refused": 1, "failed": 0, "not run": 0}
 
 
+def test_the_schedulers_own_file_stands_for_its_address(site: Site, store: ResultStore) -> None:
+    said: list[str] = []
+    with open_cluster(site.ask(scheduler=None, scheduler_file=site.folder / "scheduler.json"), said.append) as runner:
+        found, _ = run_campaign(squares(2), store, runner, silent)
+    assert [one.row["square"] for one in found.values()] == [0, 1]
+    (dashboard,) = [words for words in said if words.startswith("dashboard")]
+    assert dashboard.startswith("dashboard, if the scheduler's computer has bokeh: http://127.0.0.1:")
+
+
 def test_tasks_touch_the_workers_own_folders_alone(site: Site, store: ResultStore, tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("1,2")
     files = {"log.csv": TaskFile(tmp_path / "log.csv", "log.csv")}

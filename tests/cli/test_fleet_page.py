@@ -6,6 +6,7 @@ import datetime
 import re
 from pathlib import Path
 
+import chromium
 import numpy as np
 import pytest
 from trivial_tasks import make_diagnosis
@@ -60,6 +61,33 @@ def test_a_drift_that_was_put_in_is_found_and_no_other() -> None:
     assert [(one.robot, one.parameter) for one in sure] == [("robot_3.toml", "mass_2")] and drifts[0] is sure[0]
     assert 30 * sure[0].slope == pytest.approx(0.3, abs=3 * 30 * sure[0].slope_std)
     assert sure[0].days == (0.0, 30.0, 60.0, 90.0, 120.0)
+
+
+SIDES_OF_FIGURES = """
+[...document.querySelectorAll("h2, figure")].map((one) => {
+  const box = one.getBoundingClientRect();
+  return [one.tagName, box.left, box.right];
+})"""
+
+
+@pytest.mark.skipif(chromium.PROGRAM is None, reason="no Chromium is installed")
+@pytest.mark.parametrize("count", [1, 3])
+def test_drawn_drifts_stay_in_the_column_of_the_text(count: int, tmp_path: Path) -> None:
+    results = fleet(8, 5)
+    for k, one in enumerate(results[: 5 * count]):
+        assert one.row is not None
+        one.row["parameters"]["mass_2"][0] += 0.5 * (k % 5)
+    fleet_page.write_fleet_page(tmp_path / "fleet.html", Path("fleet.toml"), results)
+    assert (tmp_path / "fleet.html").read_text().count("time since the first log (d)</text>") >= count
+    with chromium.browser() as tab:
+        for width in (1280, 400):
+            tab.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+            tab.open((tmp_path / "fleet.html").as_uri())
+            boxes = tab.run(SIDES_OF_FIGURES)
+            (left, right), *others = {(low, high) for name, low, high in boxes if name == "H2"}
+            assert not others
+            assert [box for box in boxes if box[1] < left - 1 or box[2] > right + 1] == [], width
+            assert tab.run("document.documentElement.scrollWidth") <= width
 
 
 def test_scatter_beyond_the_estimates_own_widens_a_slope() -> None:

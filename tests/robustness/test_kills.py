@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import subprocess
@@ -11,18 +10,17 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 from arms import SMALL
 from compiled import Compiled
+from kill_campaign import BUILD, COMMANDS, PATHS, list_all_faults, list_faults, make_series, run_kills
 from kill_commands import PREPARE, find_broken, find_parts
 from replayed import FLEXIBLE
 
 from hdagen.__main__ import main
 
-ROOT = Path(__file__).parents[2]
 NOBODY = 65534
-ROOMS = ("support", "cli", "diagnosis/report")  # whose modules kill_commands.py imports
-PATHS = os.pathsep.join((str(ROOT), *(str(ROOT / "tests" / room) for room in ROOMS)))
 
 
 @pytest.fixture
@@ -38,37 +36,34 @@ def environment(build: Callable[..., Compiled]) -> dict[str, str]:
 # -- kills ------------------------------------------------------------------------------------------------------------
 
 
-def kill(command: str, folder: Path, count: int, environment: dict[str, str]) -> None:
-    """Kills the command so often, and holds that nothing was ever half-written and that its next run does all."""
-    program = [
-        sys.executable,
-        str(ROOT / "tests" / "support" / "kill_commands.py"),
-        command,
-        str(folder),
-        str(count),
-        "1",
-    ]
-    done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert found["kills"] == count, found
-    assert found["broken"] == found["parts"] == [] and found["orphans"] == 0, found
-    assert found["code"] == 0 or (command, found["code"]) == ("blind", 1), found  # a bar that two cases cannot meet
-    assert found["files"], found
-    assert found["left"] or count < 20, f"no kill came while a file was written: {found}"
-
-
 @pytest.mark.parametrize("command, count", [("adopt", 3), ("fleet", 5)])
-def test_a_kill_leaves_nothing_half_written(
-    command: str, count: int, tmp_path: Path, environment: dict[str, str]
-) -> None:
-    kill(command, tmp_path, count, environment)
+def test_a_kill_leaves_nothing_half_written(command: str, count: int, tmp_path: Path) -> None:
+    """Nothing is ever half-written, the next run does all, and a second campaign keeps the first one's series."""
+    tasks = make_series((command,), count)
+    found = run_kills(tasks, tmp_path)
+    assert list_all_faults(found) == [] and found[command].row["kills"] == count
+    assert run_kills(tasks, tmp_path)[command].is_reused
+    (row,) = pq.read_table(tmp_path / "results.parquet").to_pylist()
+    assert (row["task"], row["kills"], row["faults"]) == (command, count, "[]")
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("command", PREPARE)
-def test_thirty_kills_leave_nothing_half_written(command: str, tmp_path: Path, environment: dict[str, str]) -> None:
-    kill(command, tmp_path, 30, environment)
+def test_thirty_kills_of_each_command_and_of_builds_leave_nothing_half_written(tmp_path: Path) -> None:
+    found = run_kills(make_series((*COMMANDS, BUILD), 30), tmp_path)
+    assert list_all_faults(found) == [] and len(found) == len(PREPARE) + 1
+
+
+def test_what_a_series_must_not_find_is_told() -> None:
+    good = {"kills": 20, "broken": [], "parts": [], "orphans": 0, "code": 0, "files": ["a"], "left": 1}
+    assert list(list_faults("adopt", good, 20)) == list(list_faults("blind", good | {"code": 1}, 20)) == []
+    bad = {"kills": 19, "broken": ["a"], "parts": [".b"], "orphans": 2, "code": 1, "files": [], "left": 0}
+    for name, value in bad.items():
+        assert len(list(list_faults("adopt", good | {name: value}, 20))) == 1, name
+    built = {"kills": 20, "broken": 0, "uncleaned": 0, "failed": 0, "leftovers": 3}
+    assert list(list_faults(BUILD, built, 20)) == []
+    for name, value in {"broken": 1, "uncleaned": 1, "failed": 1, "leftovers": 2}.items():
+        assert len(list(list_faults(BUILD, built | {name: value}, 20))) == 1, name
+    assert set(COMMANDS) == set(PREPARE)
 
 
 # -- disks ------------------------------------------------------------------------------------------------------------

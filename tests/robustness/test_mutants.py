@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import resource
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import mutants
+import pyarrow.parquet as pq
 import pytest
-from mutants import MOST_MEMORY, campaign, drawn, fate, kinds, mutant, tried
+from mutants import MOST_MEMORY, campaign, drawn, fate, kinds, mutant, tried, try_batch
+
+from hdagen.campaign.task import TaskFolder
 
 
 def test_two_thousand_damaged_files_are_read_or_refused_in_sentences(tmp_path: Path) -> None:
@@ -34,10 +40,36 @@ def test_a_mutant_can_be_made_again(tmp_path: Path) -> None:
     assert mutant(kind, number) == mutant(kind, number) != mutant(kind, number + 1)
 
 
+def test_a_campaign_goes_on_where_it_was_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Batches of two controller files; the second call tries the second batch alone."""
+    monkeypatch.setattr(mutants, "BATCH", 2)
+    tried_before: list[int] = []
+
+    def interrupt_second(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        tried_before.append(parameters["first"])
+        if len(tried_before) == 2:
+            raise KeyboardInterrupt
+        return try_batch(folder, parameters)
+
+    monkeypatch.setattr(mutants, "try_batch", interrupt_second)
+    counts, wrong, interrupted = campaign(["controller.toml"], 4, tmp_path)
+    assert (counts.total(), wrong, interrupted) == (2, [], True)
+    counts, wrong, interrupted = campaign(["controller.toml"], 4, tmp_path)
+    assert (counts.total(), wrong, interrupted) == (4, [], False) and tried_before == [0, 2, 2]
+    assert "1 of 2 were finished before and are kept, 1 are left." in capsys.readouterr().err
+    rows = pq.read_table(tmp_path / "results.parquet").to_pylist()
+    assert [(row["task"], row["status"], row["wrong"]) for row in rows] == [
+        ("from 0 on", "done", "[]"),
+        ("from 2 on", "done", "[]"),
+    ]
+
+
 @pytest.mark.campaign
 @pytest.mark.parametrize(("names", "count"), [([], 100_000), (["log.mat"], 1000)])
-def test_a_campaign_finds_no_death_no_hang_and_no_traceback(names: list[str], count: int) -> None:
-    counts, wrong = campaign(names, count)
+def test_a_campaign_finds_no_death_no_hang_and_no_traceback(names: list[str], count: int, tmp_path: Path) -> None:
+    counts, wrong, _ = campaign(names, count, tmp_path)
     print(counts)
     assert wrong == []
 

@@ -26,14 +26,16 @@ from typing import Any
 import pyarrow.parquet as pq
 import trivial_tasks
 from replayed import FLEXIBLE, diagnosis
-from test_diagnosis_report import NAMES, TRUTHS, seen
+from test_diagnosis_report import TRUTHS, seen
 
 from gen.builder.build import build_robot
+from gen.effects import ALL
 from hdagen import __main__
 from hdagen.arm.compiled_arm import Arm
 from hdagen.blind import sealed_check as blind
 from hdagen.diagnosis import pipeline as diagnosed
 from hdagen.diagnosis.data.split import LogPortion, mark_holdout_blocks
+from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.fleet import fleet_diagnosis
 from hdagen.log.measured_log import write
@@ -53,14 +55,16 @@ def prepare_adopt(folder: Path) -> list[str]:
 
 
 def prepare_diagnose(folder: Path) -> list[str]:
-    arm = Arm(build_robot(str(robot(folder)), "portable", Path(os.environ["HDAGEN_BUILD"]), NAMES)[0])
+    names = tuple(one.name for one in ALL)
+    arm = Arm(build_robot(str(robot(folder)), "portable", Path(os.environ["HDAGEN_BUILD"]), names)[0])
     sight, said, log, before, after = seen(arm, {"cable_spring@2": TRUTHS["cable_spring@2"][0]})
     said["robot"]["identity"] = "0" * 64
     held = LogPortion(log, mark_holdout_blocks(log.time))
     motion = HoldoutMotion(held, lambda _: before, before, before, before)
     found = SimpleNamespace(content=said, after=after, holdout=motion, residual_torque=sight, failures=())
-    setattr(diagnosed, "diagnose", lambda *_: found)  # noqa: B010 - its type is another
     write(log, folder / "log.parquet")
+    whole = Diagnosis(found, folder / "robot.toml", (str(folder / "log.parquet"),), ())  # type: ignore[arg-type]
+    setattr(diagnosed, "diagnose", lambda *_, **__: whole)  # noqa: B010 - its type is another
     return ["diagnose", str(folder / "robot.toml"), str(folder / "log.parquet"), "--out", str(folder / "out")]
 
 

@@ -1,7 +1,9 @@
 """Damaged copies of every kind of file that is read from outside, and what must become of each: it is read, or refused
 in sentences that can be printed.
 
-    python tests/support/mutants.py --count 100000 --jobs 2
+    python tests/support/mutants.py --count 100000 --jobs 2 --out DIR
+
+DIR keeps each batch and a table of them, results.parquet; an interrupted campaign goes on by the same command.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,9 +35,11 @@ from hdagen.adoption import verdict
 from hdagen.arm.build_loader import PlantError
 from hdagen.blind import calibrate
 from hdagen.campaign import result_store
+from hdagen.campaign.campaign_run import run_campaign
 from hdagen.campaign.cluster import open_cluster
 from hdagen.campaign.cluster_request import ClusterRequest
-from hdagen.campaign.task import Outcome, Status, Task, TaskFolder
+from hdagen.campaign.installation import describe_installation
+from hdagen.campaign.task import Outcome, Status, Task, TaskFile, TaskFolder
 from hdagen.data_quality.log_triage import triage
 from hdagen.diagnosis.decision import calibration
 from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page, machine_task
@@ -441,6 +445,7 @@ def try_batch(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str, An
     answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     if answer["memory"] > MOST_MEMORY:
         answer["wrong"].append(f"from {first} on: {answer['memory']} bytes of memory")
+    (folder.out / "batch.json").write_text(json.dumps(answer, indent=1))
     return {"counts": answer["counts"], "wrong": answer["wrong"]}
 
 
@@ -455,28 +460,38 @@ def print_batch(names: list[str], first: int, count: int, folder: Path) -> None:
     print(json.dumps({"counts": counts, "wrong": wrong, "memory": most}))
 
 
-def campaign(names: list[str], count: int, jobs: int = 1) -> tuple[Counter[str], list[str]]:
-    """Counts and faults of batches of BATCH mutants, each a task."""
+def campaign(names: list[str], count: int, folder: Path, jobs: int = 1) -> tuple[Counter[str], list[str], bool]:
+    """Counts and faults of batches of BATCH mutants, each a task that ``folder`` keeps, and whether some are left."""
+    own = {"mutants.py": TaskFile(Path(__file__), "mutants.py")}
+    shared = {"names": names, "code": describe_installation()["code"]}
     tasks = [
-        Task(f"from {first} on", try_batch, {"first": first, "count": min(BATCH, count - first), "names": names})
+        Task(f"from {first} on", try_batch, {"first": first, "count": min(BATCH, count - first), **shared}, own)
         for first in range(0, count, BATCH)
     ]
     counts: Counter[str] = Counter()
     wrong: list[str] = []
-    with open_cluster(ClusterRequest(jobs=jobs), print) as runner, closing(runner.run_tasks(tasks)) as ended:
-        for task, outcome in ended:
-            counts.update(outcome.row.get("counts", {}))
-            wrong += outcome.row.get("wrong", [])
-            wrong += [f"{task.name}: {words}" for words in outcome.messages]
-    return counts, wrong
+    store = result_store.ResultStore(folder)
+    with store.hold_lock(), open_cluster(ClusterRequest(jobs=jobs), say) as runner:
+        outcomes, interrupted = run_campaign(tasks, store, runner, say)
+    for name, outcome in outcomes.items():
+        counts.update(outcome.row.get("counts", {}))
+        wrong += outcome.row.get("wrong", [])
+        wrong += [f"{name}: {words}" for words in outcome.messages]
+    return counts, wrong, interrupted
+
+
+def say(words: str) -> None:
+    """A sentence on the campaign, on standard error."""
+    print(words, file=sys.stderr, flush=True)
 
 
 def main() -> int:
-    """A campaign; exit code 1 where something went wrong."""
+    """A campaign; exit code 1 where something went wrong, 130 where it was interrupted."""
     p = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     p.add_argument("--count", type=int, default=100_000)
     p.add_argument("--kinds", nargs="*", default=[], help="such as log.mat (default: all but that)")
     p.add_argument("--jobs", type=int, default=1, help="batches at the same time")
+    p.add_argument("--out", type=Path, metavar="DIR", help="keeps what is finished (default: nothing is kept)")
     p.add_argument("--batch", type=int, default=None, metavar="FIRST", help="only one batch, from this mutant on, here")
     options = p.parse_args()
     if options.batch is not None:
@@ -484,9 +499,14 @@ def main() -> int:
             print_batch(options.kinds, options.batch, options.count, Path(folder))
         return 0
     begun = time.monotonic()
-    counts, wrong = campaign(options.kinds, options.count, options.jobs)
+    with tempfile.TemporaryDirectory() as place:
+        kept = options.out or Path(place)
+        kept.mkdir(parents=True, exist_ok=True)
+        counts, wrong, interrupted = campaign(options.kinds, options.count, kept, options.jobs)
     print(json.dumps({"counts": counts, "seconds": round(time.monotonic() - begun), "wrong": len(wrong)}, indent=1))
     print("\n".join(wrong[:20]))
+    if interrupted:
+        return 130
     return 1 if wrong else 0
 
 
