@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from arms import WHOLE
 from compiled import Compiled, Floats
 from numpy.typing import NDArray
 from replayed import FLEXIBLE, INPUT_EFFECTS, RIGID
@@ -75,9 +76,13 @@ def test_a_model_without_input_effects_has_the_same_stage(build: Callable[..., C
         assert np.array_equal(bits(ours), bits(theirs))
 
 
-@pytest.mark.parametrize(("robot", "profile"), [(FLEXIBLE, "portable"), (RIGID, "native")])
-def test_a_row_at_a_time_is_the_whole_log(build: Callable[..., Compiled], robot: str, profile: str) -> None:
-    arm = Arm(build(robot, profile, INPUT_EFFECTS).folder)
+@pytest.mark.parametrize(
+    "built", [(FLEXIBLE, "portable", INPUT_EFFECTS), ("paper", "native", WHOLE)], ids=["portable", "native"]
+)
+def test_a_row_at_a_time_is_the_whole_log(
+    build: Callable[..., Compiled], built: tuple[str, str, tuple[str, ...]]
+) -> None:
+    arm = Arm(build(*built).folder)
     arm.parameters.update({"command_delay_1": 2.3e-3, "current_lag_2": 1e-3, "saturation_inverse_2": 0.4})
     command, dt = motion()
     mean, at = arm.apply_input_stage(command, dt, BEFORE)
