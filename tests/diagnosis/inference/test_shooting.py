@@ -251,7 +251,7 @@ def test_a_measured_torque_tells_what_became_of_the_command(build: Builder) -> N
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_nothing_jumps_where_much_is_there_a_little(build: Builder, share: float) -> None:
     """A fit moves all parameters at once: a parameter that does much as soon as it is there at all holds it back."""
-    arm = Arm(build(FLEXIBLE, effects=tuple(e.name for e in ALL if e.name != "missing_compliance")).folder)
+    arm = Arm(build(FLEXIBLE, effects=tuple(effect.name for effect in ALL)).folder)
     log = simulated(arm)
     sh = MultipleShooting(arm, cut_windows(arm, LogPortion(log, np.ones(len(log), bool)), 0.05))
     columns, described = (
