@@ -11,21 +11,23 @@ import pytest
 from arms import WHOLE
 from compiled import Compiled, Floats
 from numpy.typing import NDArray
-from replayed import FLEXIBLE, INPUT_EFFECTS, RIGID
+from replayed import FLEXIBLE, RIGID
 
+from gen.effects import ALL
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.input_stage import InputStage
 from hdagen.diagnosis.initialization.initial_guess import split_input_effects
 
+NAMES = tuple(effect.name for effect in ALL)
 ROWS = 200
 BEFORE = np.array([0.7, -0.3])
 
 
 @pytest.fixture
 def arm(build: Callable[..., Compiled]) -> Arm:
-    """The flexible arm with every input effect, all amplitudes 0."""
-    return Arm(build(FLEXIBLE, effects=INPUT_EFFECTS).folder)
+    """The flexible arm with every effect, all amplitudes 0."""
+    return Arm(build(FLEXIBLE, effects=NAMES).folder)
 
 
 def motion(seed: int = 0) -> tuple[Floats, Floats]:
@@ -77,7 +79,7 @@ def test_a_model_without_input_effects_has_the_same_stage(build: Callable[..., C
 
 
 @pytest.mark.parametrize(
-    "built", [(FLEXIBLE, "portable", INPUT_EFFECTS), ("paper", "native", WHOLE)], ids=["portable", "native"]
+    "built", [(FLEXIBLE, "portable", NAMES), ("paper", "native", WHOLE)], ids=["portable", "native"]
 )
 def test_a_row_at_a_time_is_the_whole_log(
     build: Callable[..., Compiled], built: tuple[str, str, tuple[str, ...]]
@@ -207,7 +209,7 @@ def test_a_delay_beyond_the_memory_finds_the_oldest_row(arm: Arm) -> None:
 
 
 def test_torque_driven_robots_are_delayed_and_limited_alike(build: Callable[..., Compiled]) -> None:
-    arm = Arm(build(RIGID, effects=INPUT_EFFECTS).folder)
+    arm = Arm(build(RIGID, effects=("current_saturation",)).folder)
     assert arm.parameters.described["saturation_inverse_1"].unit == "1/(N m)"
     arm.parameters["saturation_inverse_1"] = 4.0
     assert arm.apply_input_stage([[1.0, 1.0]], 1e-3, [0.0, 0.0])[0] == pytest.approx(np.array([[0.25, 1.0]]))
