@@ -11,7 +11,7 @@ import pytest
 from arms import WHOLE
 from compiled import Compiled, Floats
 from numpy.typing import NDArray
-from replayed import FLEXIBLE, RIGID
+from replayed import FLEXIBLE, RIGID, RIGID_SEVERAL
 
 from gen.effects import ALL
 from hdagen.arm.build_loader import PlantError
@@ -209,7 +209,7 @@ def test_a_delay_beyond_the_memory_finds_the_oldest_row(arm: Arm) -> None:
 
 
 def test_torque_driven_robots_are_delayed_and_limited_alike(build: Callable[..., Compiled]) -> None:
-    arm = Arm(build(RIGID, effects=("current_saturation",)).folder)
+    arm = Arm(build(RIGID, effects=RIGID_SEVERAL).folder)
     assert arm.parameters.described["saturation_inverse_1"].unit == "1/(N m)"
     arm.parameters["saturation_inverse_1"] = 4.0
     assert arm.apply_input_stage([[1.0, 1.0]], 1e-3, [0.0, 0.0])[0] == pytest.approx(np.array([[0.25, 1.0]]))

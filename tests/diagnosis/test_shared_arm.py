@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, simulated
+from replayed import FLEXIBLE, HYSTERESIS, RIGID, RIGID_SEVERAL, simulated
 
 from gen.effects import ALL
 from hdagen.adoption.verdict import read_verdict
@@ -23,12 +23,11 @@ from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 
 Builder = Callable[..., Compiled]
-EFFECTS = (*MEMORY, "current_loop_lag", "command_delay", "encoder_eccentricity", "sensor_delay", "contact")
 EVERY = tuple(effect.name for effect in ALL)
 EMPTY = {"schema": 2, "verdict": [], "causes": [], "parameters": {}}
 
 
-@pytest.fixture(params=[(FLEXIBLE, EVERY), (RIGID, EFFECTS)], ids=["flexible", "rigid"])
+@pytest.fixture(params=[(FLEXIBLE, EVERY), (RIGID, RIGID_SEVERAL)], ids=["flexible", "rigid"])
 def given(build: Builder, request: pytest.FixtureRequest) -> tuple[Arm, Log]:
     """An arm away from its robot file, which cannot be set, and a log of it."""
     robot, effects = request.param
