@@ -46,7 +46,7 @@ def shooting(
 ) -> MultipleShooting:
     """``gaps``: rows are missing, and between two gaps too few are left for a window; rows that are ``hidden`` from the
     fit."""
-    arm = Arm(build(FLEXIBLE, profile, EFFECTS if profile == "native" else EVERY).folder)
+    arm = Arm(build(FLEXIBLE, profile, EFFECTS).folder)
     log = simulated(arm)
     columns, rng = dict(log.columns), np.random.default_rng(3)
     if torques:
