@@ -20,7 +20,7 @@ from gen.model.function_library import Library
 from gen.mpc.problem_structure import Structure
 from gen.robot.description import describe_robot
 
-INCLUDES = '#include "hda.h"\n\n#include <math.h>\n\n'
+INCLUDES = '#include "hda_model.h"\n\n#include <math.h>\n\n'
 TEMPLATES = resources.files("gen") / "templates"
 
 
@@ -156,7 +156,7 @@ def make_files(
         for file in TEMPLATES.iterdir()
         if file.name.endswith((".c", ".h", ".txt"))
     }
-    files["hda.h"] = headers.emit_interface(functions)
+    files["hda_model.h"] = headers.emit_interface(functions)
     files["hda_sizes.h"] = headers.emit_sizes(graphs.model, int(graphs.c.numel()), build, lanes)
     files["hda_table.h"] = headers.emit_call_table(functions, mpc is not None)
     if mpc is not None:

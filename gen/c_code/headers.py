@@ -113,7 +113,7 @@ def _difference_widths(model: Model) -> Iterator[float]:
 
 
 def emit_interface(functions: tuple[EmittedFunction, ...]) -> str:
-    """Print hda.h, the whole interface of the library.
+    """Print hda_model.h, the interface of the model.
 
     Args:
         functions: The functions to emit.
@@ -130,11 +130,12 @@ def emit_interface(functions: tuple[EmittedFunction, ...]) -> str:
     meaning = (
         "A compiled robot arm. Vectors are plain doubles, matrices stand column by column; the manifest\n"
         " * names every entry. c comes from hda_prepare(p, c), once for a set of parameters.\n"
-        " * Nothing allocates, nothing keeps state."
+        " * Nothing allocates, nothing keeps state. Sources of the model include this and not hda_guard.h:\n"
+        " * their objects serve every number of reference values that a tick may carry."
     )
-    includes = '#include "hda_guard.h"\n#include "hda_input.h"\n#include "hda_rollout.h"\n#include "hda_sizes.h"\n'
+    includes = '#include "hda_input.h"\n#include "hda_rollout.h"\n#include "hda_sizes.h"\n'
     opened, closed = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
-    return add_include_guard("HDA_H", meaning, f"{includes}\n{opened}\n{own}\n{steps}\n{closed}")
+    return add_include_guard("HDA_MODEL_H", meaning, f"{includes}\n{opened}\n{own}\n{steps}\n{closed}")
 
 
 def add_include_guard(name: str, meaning: str, text: str) -> str:

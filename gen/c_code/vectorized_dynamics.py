@@ -43,7 +43,7 @@ BATCH_PREAMBLE = """\
 #undef HDA_V
 
 """
-NATIVE_PREAMBLE = '#include "hda.h"\n#include "hda_sliding.h"\n\n#include <math.h>\n\n'
+NATIVE_PREAMBLE = '#include "hda_model.h"\n#include "hda_sliding.h"\n\n#include <math.h>\n\n'
 JOINTWISE_ARRAYS = {
     "input": "u",
     "direction": "sliding",

@@ -1,5 +1,5 @@
 /* Rollouts of many trajectories at once, HDA_BATCH_WIDTH of them in the lanes of a vector. */
-#include "hda.h"
+#include "hda_model.h"
 #include "hda_parts.h"
 
 #if HDA_LANES && !HDA_STIFF

@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "hda.h"
+#include "hda_model.h"
 #include "hda_parts.h"
 #include "hda_sliding.h"
 

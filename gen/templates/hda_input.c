@@ -4,7 +4,7 @@
  * over the row of i(u(t - d)); y what acts: i(u(t - d)) without a lag, else T dy/dt = i(u(t - d)) - y. Nothing here
  * allocates; every loop is bounded.
  */
-#include "hda.h"
+#include "hda_model.h"
 
 #include <math.h>
 

@@ -5,7 +5,7 @@
 #ifndef HDA_INPUT_H
 #define HDA_INPUT_H
 
-#include "hda_guard.h" /* HDA_API */
+#include "hda_limit.h" /* HDA_API */
 #include "hda_sizes.h"
 
 #ifdef __cplusplus

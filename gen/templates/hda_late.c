@@ -1,5 +1,5 @@
 /* Encoders that are read late: hdagen/arm/delayed_sensors.py says what they show. */
-#include "hda.h"
+#include "hda_model.h"
 
 /* of x: the joints' positions and velocities */
 enum { JOINT = HDA_POSITION, RATE = HDA_MECHANICAL / 2 + HDA_POSITION };

@@ -5,7 +5,7 @@
  * Source: RODAS: Hairer, Wanner, Solving Ordinary Differential Equations II (1996), IV.7 and their table of
  * coefficients. Nothing here allocates; every loop is bounded.
  */
-#include "hda.h"
+#include "hda_model.h"
 
 #include <math.h>
 #include <string.h>

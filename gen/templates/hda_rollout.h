@@ -2,7 +2,7 @@
 #ifndef HDA_ROLLOUT_H
 #define HDA_ROLLOUT_H
 
-#include "hda_guard.h" /* HDA_API */
+#include "hda_limit.h" /* HDA_API */
 
 #ifdef __cplusplus
 extern "C" {

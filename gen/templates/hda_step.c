@@ -4,7 +4,7 @@
  * Legend: x state, u input held over the step, c constants, h step, k slopes, s direction of sliding (-1, 0 stuck, 1).
  * Nothing here allocates; every loop is bounded.
  */
-#include "hda.h"
+#include "hda_model.h"
 #include "hda_parts.h"
 #include "hda_sliding.h"
 

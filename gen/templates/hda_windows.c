@@ -5,7 +5,7 @@
  * began to, or rests and dry friction holds it at the beginning and at the end. Lanes of which a motor has given way,
  * stopped or turned back then search the change together, each at a time of its own; the last few of them go on alone.
  */
-#include "hda.h"
+#include "hda_model.h"
 #include "hda_parts.h"
 #include "hda_sliding.h"
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 import space_robots
-from compiled import Compiled
+from uncompiled import load_uncompiled
 
 from hdagen.adoption.link_inertia import ENTRIES, make_inertias_possible
 from hdagen.arm.compiled_arm import Arm
 
 
 @pytest.fixture(scope="module")
-def arm(build: Callable[..., Compiled]) -> Arm:
-    return Arm(build(space_robots.chain("RR", 3)).folder)
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+    robot = tmp_path_factory.mktemp("robot") / "robot.toml"
+    robot.write_text(space_robots.chain("RR", 3))
+    return load_uncompiled(robot)
 
 
 def set_inertia(arm: Arm, joint: int, inertia: np.ndarray) -> Arm:
@@ -68,5 +68,5 @@ def test_what_becomes_possible_keeps_the_bounds(arm: Arm) -> None:
     assert make_inertias_possible(within) == ({}, [])
 
 
-def test_the_plane_has_none(build: Callable[..., Compiled]) -> None:
-    assert make_inertias_possible(Arm(build("paper").folder)) == ({}, [])
+def test_the_plane_has_none() -> None:
+    assert make_inertias_possible(load_uncompiled("paper")) == ({}, [])

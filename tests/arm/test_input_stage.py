@@ -8,23 +8,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+from arms import WHOLE
 from compiled import Compiled, Floats
 from numpy.typing import NDArray
-from replayed import FLEXIBLE, INPUT_EFFECTS, RIGID
+from replayed import FLEXIBLE, RIGID, RIGID_SEVERAL
 
+from gen.effects import ALL
 from hdagen.arm.build_loader import PlantError
 from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.input_stage import InputStage
 from hdagen.diagnosis.initialization.initial_guess import split_input_effects
 
+NAMES = tuple(effect.name for effect in ALL)
 ROWS = 200
 BEFORE = np.array([0.7, -0.3])
 
 
 @pytest.fixture
 def arm(build: Callable[..., Compiled]) -> Arm:
-    """The flexible arm with every input effect, all amplitudes 0."""
-    return Arm(build(FLEXIBLE, effects=INPUT_EFFECTS).folder)
+    """The flexible arm with every effect, all amplitudes 0."""
+    return Arm(build(FLEXIBLE, effects=NAMES).folder)
 
 
 def motion(seed: int = 0) -> tuple[Floats, Floats]:
@@ -75,9 +78,13 @@ def test_a_model_without_input_effects_has_the_same_stage(build: Callable[..., C
         assert np.array_equal(bits(ours), bits(theirs))
 
 
-@pytest.mark.parametrize(("robot", "profile"), [(FLEXIBLE, "portable"), (RIGID, "native")])
-def test_a_row_at_a_time_is_the_whole_log(build: Callable[..., Compiled], robot: str, profile: str) -> None:
-    arm = Arm(build(robot, profile, INPUT_EFFECTS).folder)
+@pytest.mark.parametrize(
+    "built", [(FLEXIBLE, "portable", NAMES), ("paper", "native", WHOLE)], ids=["portable", "native"]
+)
+def test_a_row_at_a_time_is_the_whole_log(
+    build: Callable[..., Compiled], built: tuple[str, str, tuple[str, ...]]
+) -> None:
+    arm = Arm(build(*built).folder)
     arm.parameters.update({"command_delay_1": 2.3e-3, "current_lag_2": 1e-3, "saturation_inverse_2": 0.4})
     command, dt = motion()
     mean, at = arm.apply_input_stage(command, dt, BEFORE)
@@ -202,7 +209,7 @@ def test_a_delay_beyond_the_memory_finds_the_oldest_row(arm: Arm) -> None:
 
 
 def test_torque_driven_robots_are_delayed_and_limited_alike(build: Callable[..., Compiled]) -> None:
-    arm = Arm(build(RIGID, effects=INPUT_EFFECTS).folder)
+    arm = Arm(build(RIGID, effects=RIGID_SEVERAL).folder)
     assert arm.parameters.described["saturation_inverse_1"].unit == "1/(N m)"
     arm.parameters["saturation_inverse_1"] = 4.0
     assert arm.apply_input_stage([[1.0, 1.0]], 1e-3, [0.0, 0.0])[0] == pytest.approx(np.array([[0.25, 1.0]]))

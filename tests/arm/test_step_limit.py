@@ -85,7 +85,7 @@ def test_a_spring_that_the_file_does_not_have_takes_steps_that_carry_it(
 @pytest.mark.parametrize("side", ["above", "below"])
 def test_a_stiff_wall_takes_steps_that_carry_the_spring_at_its_load(side: str) -> None:
     """At a wall the spring is loaded beyond what the motor does, where it is many times as stiff."""
-    arm = load("paper", effects=("contact",))
+    arm = load("paper", effects=("all",))
     arm.parameters[f"contact_stiffness_{side}_2"] = 100.0
     assert arm.stability.longest_step(arm.p) == np.inf  # one that yields
     arm.parameters.update({f"contact_stiffness_{side}_2": 6000.0, "contact_above_2": 0.01, "contact_below_2": -0.01})

@@ -277,7 +277,7 @@ def joint_case(name: str, kind: str = "single") -> JointArmCase:
 def test_every_effect_of_joints_stands_above_the_noise(name: str) -> None:
     case = joint_case(name, "unknown" if name == "unknown" else "single")
     least = replace(case, truth=(replace(case.truth[0], size=0.5),))
-    log, found, snr = log_maker.make_chain_log(least, "log", 4.0, None)
+    log, found, snr = log_maker.make_chain_log(least, "log", 2.5, None)
     assert snr > 3.0 and (name, case.truth[0].joint) in found
     assert all(np.isfinite(column).all() for column in log.values())
     angles = [log[f"{case.robot.encoder}_position_{j}"] for j in range(1, len(case.robot.joints) + 1)]

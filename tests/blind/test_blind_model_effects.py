@@ -17,8 +17,9 @@ import space_robots
 from pyarrow import parquet
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
+from uncompiled import load_uncompiled
 
-from hdagen.arm.compiled_arm import load
+from gen.effects import ALL
 
 pytest.importorskip("mujoco", reason="MuJoCo makes the realities: pip install 'hdagen[mujoco]'")
 
@@ -232,7 +233,7 @@ def test_an_effect_is_drawn_where_the_dictionary_offers_it(tmp_path: Path) -> No
     )
     robot = tmp_path / "robot.toml"
     robot.write_text(text)
-    arm, table = load(robot, "native", ("all", "missing_compliance")), ModelRobot(text).table
+    arm, table = load_uncompiled(robot, effects=tuple(effect.name for effect in ALL)), ModelRobot(text).table
     offered = {(one["name"], j) for one in arm.manifest["effects"] for j in one["joints"]}
     for effect in set(EFFECTS) - {"motor_inertia"}:  # a number of the robot file, which every joint has
         at = list_possible_joints(effect, table)

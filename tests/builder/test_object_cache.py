@@ -99,15 +99,31 @@ def test_macros_that_do_not_count_change_nothing_that_is_compiled(
     assert {"HDA_NOMINAL", "HDA_NX", "HDA_NP", "HDA_BUILD", "HDA_WIDTH"} <= passed_over
 
 
-@pytest.mark.parametrize("header", ["hda.h", "hda_guard.h", "hda_parts.h"])
+@pytest.mark.parametrize("header", ["hda_model.h", "hda_limit.h", "hda_parts.h"])
 def test_every_header_that_is_included_counts(tmp_path: Path, header: str) -> None:
     shutil.copytree(str(TEMPLATES), tmp_path / "c")
-    (tmp_path / "c" / "hda.h").write_text('#include "hda_guard.h"\n')
+    (tmp_path / "c" / "hda_model.h").write_text('#include "hda_limit.h"\n')
     (tmp_path / "c" / "hda_sizes.h").write_text("")
     before = collect_deciding_text(tmp_path / "c", "hda_step.c")
     with (tmp_path / "c" / header).open("a") as file:
         file.write("int more;\n")
     assert collect_deciding_text(tmp_path / "c", "hda_step.c") != before
+
+
+def test_an_arm_with_a_predictive_controller_shares_its_model_with_the_arm_without(stub: Path) -> None:
+    """The controller's path is a longer reference, which only the guard and what calls it know."""
+    robot = stub / "robot.toml"
+    robot.write_text(arm("RR"))
+    plain, planned = (
+        build_robot(str(robot), "portable", stub / "build", mpc=mpc)[0] for mpc in (None, Structure(nodes=20))
+    )
+    shared = {
+        source
+        for source in sorted(path.name for path in plain.glob("hda_*.c"))
+        if collect_deciding_text(plain, source) == collect_deciding_text(planned, source)
+    }
+    assert {"hda_filters.c", "hda_laws.c", "hda_model.c", "hda_prepare.c", "hda_step.c", "hda_windows.c"} <= shared
+    assert "hda_guard.c" not in shared
 
 
 def replace_all(text: bytes, changes: dict[bytes, bytes]) -> bytes:

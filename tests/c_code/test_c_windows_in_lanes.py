@@ -7,20 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import robots
 from arms import ALL_EFFECTS, MIXED, SMALL
 from compiled import Compiled, Floats
-from test_step import bristles
 
 Builder = Callable[..., Compiled]
 MEMORY = ("kinematic_error", "presliding_friction", "rotor_coupling", "transmission_hysteresis")
 ROBOTS = {
     "flexible": ("paper", MEMORY),
-    "rigid": (SMALL, ()),
+    "rigid": ("emps", ()),
     "mixed": (MIXED, ALL_EFFECTS),
 }
 EDGES = np.array([[0, 60], [60, 100], [110, 150]], np.int32)  # the second goes on from the first, the third does not
 ROWS, HELD, ROUNDING = 150, 1e-3, 1e-12  # s; of each column's largest value
-SIZE = {"N m": 0.3, "A": 3.0}  # of the inputs
+FRICTIONS = 5.0  # torque of the motors, in multiples of their dry friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +55,16 @@ def lanes(arm: Compiled, count: int, seed: int = 1) -> Lanes:
     moving = np.array(["velocity" in name for name in arm.states])
     t = HELD * np.arange(ROWS)
     u = np.zeros((count, ROWS, len(arm.manifest["input"])))
-    size = np.array([SIZE[slot["unit"]] for slot in arm.manifest["input"][:n]])
+    size = np.array([FRICTIONS * number(arm, "coulomb_friction", j) for j in range(1, n + 1)])
+    if arm.manifest["input"][0]["unit"] == "A":
+        size /= [number(arm, "torque_constant", j) for j in range(1, n + 1)]
     phase = rng.uniform(0, 6, (count, 1, n))
     u[:, :, :n] = size * np.sin(2 * np.pi * rng.uniform(5, 12, (count, 1, n)) * t[:, None] + phase)
     u[1::4] *= 0.05  # these rest most of the time
     begun = (0.02 * bound * rng.uniform(-1, 1, (count, len(EDGES), len(bound))))[..., : mechanical(arm)]
     for j in (j for j in range(1, n + 1) if f"motor_position_{j}" in arm.states):  # springs that are not wound up
         motor, joint = (arm.states.index(f"{side}_position_{j}") for side in ("motor", "joint"))
-        ratio = arm.nominal[arm.parameters.index(f"ratio_{j}")]
-        begun[..., motor] = ratio * begun[..., joint]
+        begun[..., motor] = number(arm, "ratio", j) * begun[..., joint]
     begun[::2, :, moving[: mechanical(arm)]] = 0.0
     jump = np.zeros((count, ROWS, len(bound)))
     jump[:, 20::37] = 0.01 * bound * moving * rng.uniform(-1, 1, (count, 4, len(bound)))
@@ -72,6 +73,11 @@ def lanes(arm: Compiled, count: int, seed: int = 1) -> Lanes:
         if name.startswith(("presliding_share", "hysteresis_torque")):
             p[:, k] = rng.uniform(0.0, 0.5, count)
     return Lanes(arm, begun, u, np.stack([arm("prepare", one)[0] for one in p]), jump)
+
+
+def number(arm: Compiled, name: str, joint: int) -> float:
+    """A parameter of a joint as the robot file gives it."""
+    return float(arm.nominal[arm.parameters.index(f"{name}_{joint}")])
 
 
 def mechanical(arm: Compiled) -> int:
@@ -149,7 +155,8 @@ def test_a_lane_that_flies_apart_stays_and_leaves_the_others_alone(build: Builde
 
 
 def test_a_model_with_the_stiff_step_goes_lane_by_lane(build: Builder) -> None:
-    arm = build(bristles(), "native")
+    bristles = robots.effect("presliding_friction", 1, presliding_share=1.0, presliding_angle=0.02)
+    arm = build(SMALL + bristles, "native")
     assert arm.module.batch_width == 1 and arm.manifest["stiff"]
     given = lanes(arm, 3)
     assert np.array_equal(given.run(), given.alone())

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import wrist
-from arms import ALL_EFFECTS, CHAINS, MIXED, SMALL, arm
+from arms import ALL_EFFECTS, CHAINS, MIXED, SMALL, WHOLE, arm
 from compiled import Compiled
 from graphs import Draw, Floats, Interpreted, assembled, bits, functions, toml
 from hypothesis import given
@@ -36,17 +36,13 @@ from gen.c_code.emitter import (
     scalar_operation,
     vector_operation,
 )
-from gen.effects import ALL
 
 ROOT = Path(__file__).parents[2]
 CHUNK, SHARED = 5000, 10  # rows evaluated at once, and how many of them share their parameters
-SHARP = arm("RR").replace("= 27.027", "= 90.0")  # springs whose inverse needs corrections, which take other operations
-WHOLE = tuple(sorted(effect.name for effect in ALL if effect.series_spring is None))  # as `load(…, effects=("all",))`
 ROBOTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "paper": ("paper", ()),
     "emps": ("emps", ()),
     "pendulum": ("dfki_1_0", ()),
-    "sharp": (SHARP, ()),
     "every effect": (MIXED, ALL_EFFECTS),
 }
 IN_LANES = ("rhs", "rhs_exact", "holding")  # functions that the native profile evaluates in vectors

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import robots
-from arms import CHAINS
+from arms import WHOLE
 from compiled import BATCH, BATCH_OWN, EXACT, Compiled, Floats
 from scipy.integrate import solve_ivp
 
@@ -329,12 +329,14 @@ def test_dry_friction_that_bristles_share_still_sticks(build: Builder) -> None:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_motor_pushed_between_its_two_levels_of_friction_stays(build: Builder, profile: str, sign: float) -> None:
     """More friction the way it is pushed than at rest: let go it would be pulled back, and nothing flies apart."""
-    arm = build(CHAINS["R"], profile, effects=("asymmetric_friction",))
-    level = arm.vector()[arm.parameters.index("coulomb_friction_1")]
+    arm = build("paper", profile, effects=WHOLE)
+    level, constant = (
+        arm.vector()[arm.parameters.index(f"{name}_1")] for name in ("coulomb_friction", "torque_constant")
+    )
     c = arm.prepare(asymmetric_torque_1=sign * 0.3 * level, gravity_y=0.0)
     rng = np.random.default_rng(9)
     for push in rng.uniform(1.02, 1.28, 40):
-        u = np.array([sign * push * level, 0.0, 0.0])
+        u = np.array([sign * push * level / constant, 0.0, 0.0, 0.0])
         x = arm.x(joint_velocity_1=rng.normal() * 1e-12, motor_position_1=rng.normal() * 1e-13)
         (after,) = arm("step_exact", x, u, c, [HELD])
         assert np.isfinite(after).all() and np.abs(after).max() < 1.0

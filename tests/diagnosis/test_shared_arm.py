@@ -9,8 +9,9 @@ from functools import partial
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, simulated
+from replayed import FLEXIBLE, HYSTERESIS, RIGID, RIGID_SEVERAL, simulated
 
+from gen.effects import ALL
 from hdagen.adoption.verdict import read_verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
@@ -22,14 +23,15 @@ from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import replay
 
 Builder = Callable[..., Compiled]
-EFFECTS = (*MEMORY, "current_loop_lag", "command_delay", "encoder_eccentricity", "sensor_delay", "contact")
+EVERY = tuple(effect.name for effect in ALL)
 EMPTY = {"schema": 2, "verdict": [], "causes": [], "parameters": {}}
 
 
-@pytest.fixture(params=[FLEXIBLE, RIGID], ids=["flexible", "rigid"])
+@pytest.fixture(params=[(FLEXIBLE, EVERY), (RIGID, RIGID_SEVERAL)], ids=["flexible", "rigid"])
 def given(build: Builder, request: pytest.FixtureRequest) -> tuple[Arm, Log]:
     """An arm away from its robot file, which cannot be set, and a log of it."""
-    arm = Arm(build(request.param, effects=EFFECTS).folder)
+    robot, effects = request.param
+    arm = Arm(build(robot, effects=effects).folder)
     names = [name for name in arm.parameters if name.startswith("mass_")]
     arm.parameters.update({name: 1.1 * arm.parameters[name] for name in names})
     more = HYSTERESIS | {"sensor_delay_1": 2e-3, "sensor_delay_2": 2e-3}
@@ -79,7 +81,7 @@ def test_what_reads_an_arm_never_sets_it(given: tuple[Arm, Log]) -> None:
 
 def test_replays_of_one_arm_in_many_threads_have_the_same_bits(build: Builder) -> None:
     """The first of them find what an arm finds out about itself once, while the others are at work."""
-    folder = build(FLEXIBLE, effects=EFFECTS).folder
+    folder = build(FLEXIBLE, effects=EVERY).folder
     log = simulated(Arm(folder), 1.2)
     for _ in range(3):
         arm = Arm(folder)

@@ -17,7 +17,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
-from replayed import FLEXIBLE
+from replayed import FLEXIBLE, INPUT_AND_SENSOR
 from space_robots import chain
 
 from hdagen.arm.build_loader import PlantError
@@ -32,7 +32,6 @@ from hdagen.model_export.fmu_variables import list_variables
 from hdagen.simulation.simulator import Push, Sensors, Simulation, run
 
 VERSIONS = ("2.0", "3.0")
-EFFECTS = ("command_delay", "current_loop_lag", "encoder_eccentricity")
 VERDICT = {"command_delay_1": 3.3e-3, "current_lag_2": 2e-3, "coulomb_friction_2": 0.06, "eccentricity_sine_1": 1e-3}
 PERIOD, SECONDS = 2e-3, 0.3
 START = np.array([0.3, -0.4])  # rad
@@ -41,7 +40,7 @@ START = np.array([0.3, -0.4])  # rad
 @pytest.fixture(scope="module")
 def robot(build: Callable[..., Any]) -> CorrectedRobot:
     """The arm with a verdict in it: late and slow commands, more friction, an encoder off its axis."""
-    file = Arm(build(FLEXIBLE, "portable", EFFECTS).folder)
+    file = Arm(build(FLEXIBLE, "portable", INPUT_AND_SENSOR).folder)
     corrected = file.with_parameters(file.p)
     corrected.parameters.update(VERDICT)
     return CorrectedRobot("test arm", file, corrected)

@@ -1,8 +1,9 @@
-"""The predictive controller of arms in space: axes and Jacobians beside differences, closed loops of a Panda, walls,
-IPOPT."""
+"""The predictive controller of arms in space: axes and Jacobians beside differences, closed loops of seven joints,
+walls, IPOPT."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from kept_builds import find_builds
 from scipy.spatial.transform import Rotation
-from space_robots import chain
+from space_robots import chain, seven_joint_arm
 
 from gen.builder.build import assemble_library
 from gen.mpc.horizon_stage import Stage, make_stage
@@ -39,24 +40,39 @@ SPRINGS = {
     "wave_generator_stiffening": 0.2,
 }
 FAR = (Wall((0.0, 0.0, 1.0), 9.0),)
+SEVEN, PANDA = "seven joints", "panda"
+ROBOTS = [SEVEN, pytest.param(PANDA, marks=pytest.mark.campaign)]  # other tests compile most of the first
 
 
 @cache
-def make_panda() -> tuple[Arm, Configuration]:
-    """A Panda with a short horizon of long nodes, and a wall out of reach."""
+def write_robot(name: str, text: str) -> str:
+    """The path of a robot file beside the builds."""
+    path = find_builds() / f"mpc_{name}.toml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return str(path)
+
+
+def find_robot(name: str) -> str:
+    """The robot file, without dry friction as the preset, or the preset."""
+    text = re.sub(r"coulomb_friction = \S+", "coulomb_friction = 0.0", seven_joint_arm())
+    return write_robot("seven_joints", text) if name == SEVEN else name
+
+
+@cache
+def make_arm(robot: str) -> tuple[Arm, Configuration]:
+    """An arm with a short horizon of long nodes, and a wall out of reach."""
     c = check_configuration({"mpc": {"nodes": 8, "node": 0.02}, "limits": {"tip_speed": 1.0}}, "test")
     c = c.with_changes(FAR)
-    return load("panda", "portable", out=find_builds(), mpc=c), c
+    return load(find_robot(robot), "portable", out=find_builds(), mpc=c), c
 
 
 @cache
 def write_stage(kinds: str, flexible: bool) -> Stage:
     """The stage of a chain in space, uncompiled."""
     text = chain(kinds, 5, springs=SPRINGS if flexible else None)
-    path = find_builds() / f"mpc_{kinds}_{flexible}.toml"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
-    model = assemble_library("chain", load_description(str(path)), ())[0].graphs.model
+    path = write_robot(f"{kinds}_{flexible}", text)
+    model = assemble_library("chain", load_description(path), ())[0].graphs.model
     return make_stage(model, Structure(5, 1, "tip"), ca.vertcat(model.p, *model.inverse_symbols.values()))
 
 
@@ -140,23 +156,23 @@ def test_the_stage_of_a_plane_has_the_operations_that_it_had() -> None:
 
 
 def follow(
-    c: Configuration, pushes: tuple[SpacePush, ...], seconds: float, turn: float = 1.5
-) -> tuple[Arm, Reference, MPC, Any, Any]:
-    arm, _ = make_panda()
+    arm: Arm, c: Configuration, pushes: tuple[SpacePush, ...], seconds: float, turn: float = 1.5
+) -> tuple[Reference, MPC, Any, Any]:
     start = choose_open_posture(arm)
     path = make_tip_path("circle", find_tip_pose(arm, start), 0.05, turn, seconds)
     controller = MPC(arm, c)
     found = run_trial(arm, controller, path, pushes, Sensors(), c.walls, 1, start)
     q = found.simulation.state[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]]
     gap = find_rotation_gap(path.position[:, 3:], arm.evaluate("tip_pose", q=q)["rotation"])
-    return arm, path, controller, found, gap
+    return path, controller, found, gap
 
 
-def test_a_panda_follows_its_path_and_yields_as_its_admittance() -> None:
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_an_arm_follows_its_path_and_yields_as_its_admittance(robot: str) -> None:
     """A force and a moment move the tip as mass, damper and spring; before them it is on the path, unturned."""
-    _, c = make_panda()
+    arm, c = make_arm(robot)
     push = SpacePush(0.3, 0.7, (4.0, -3.0, 2.0, 0.3, -0.2, 0.4))
-    arm, path, controller, found, gap = follow(c, (push,), 0.7)
+    path, controller, found, gap = follow(arm, c, (push,), 0.7)
     assert (found.simulation.status >= 0).all()
     before = slice(50, 290)
     assert np.linalg.norm(found.simulation.tip - path.position[:, :3], axis=1)[before].max() < 5e-4
@@ -169,15 +185,16 @@ def test_a_panda_follows_its_path_and_yields_as_its_admittance() -> None:
     assert np.abs(gap[-1] + turned).max() < 2e-3
 
 
-def test_walls_and_limits_hold_in_space() -> None:
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_walls_and_limits_hold_in_space(robot: str) -> None:
     """A wall cuts the circle, the tip's speed and a joint's are limited: all of them active, none broken."""
-    arm, c = make_panda()
+    arm, c = make_arm(robot)
     tip = find_tip_pose(arm, choose_open_posture(arm))[:3]
     normal = np.array([-0.6, 0.0, -0.8])
     wall = Wall(tuple(normal.tolist()), float(normal @ tip) + 0.01)
     c = c.with_changes((wall,), limits__tip_speed=0.12, limits__motor_speed=(2.0, 0.15, 2.0, 2.0, 2.0, 2.0, 2.0))
     push = SpacePush(0.2, 0.8, (*(8 * normal).tolist(),))
-    arm, path, controller, found, _ = follow(c, (push,), 1.0, 4.0)
+    path, controller, found, _ = follow(arm, c, (push,), 1.0, 4.0)
     assert (found.simulation.status >= 0).all()
     assert min(max(r.active[name] for r in found.reports) for name in ("wall", "tip_speed", "motor_speed")) > 0
     result = evaluate_trial(arm, c, path, found, controller)
@@ -187,17 +204,20 @@ def test_walls_and_limits_hold_in_space() -> None:
 
 
 @pytest.mark.parametrize(
-    ("jump", "is_touching"),
+    ("robot", "jump", "is_touching"),
     [
-        ((0.01, 0.0, -0.01, 0.05, 0.0, 0.0), False),
-        pytest.param((0.0, 0.02, 0.0, 0.0, -0.1, 0.08), True, marks=pytest.mark.campaign),
+        (SEVEN, (0.01, 0.0, -0.01, 0.05, 0.0, 0.0), False),
+        pytest.param(PANDA, (0.01, 0.0, -0.01, 0.05, 0.0, 0.0), False, marks=pytest.mark.campaign),
+        pytest.param(PANDA, (0.0, 0.02, 0.0, 0.0, -0.1, 0.08), True, marks=pytest.mark.campaign),
     ],
 )
-def test_a_converged_plan_in_space_costs_what_ipopts_does(jump: tuple[float, ...], is_touching: bool) -> None:
+def test_a_converged_plan_in_space_costs_what_ipopts_does(
+    robot: str, jump: tuple[float, ...], is_touching: bool
+) -> None:
     """Pose, wrench and seven joints: dynamics integrated finely, turns by their rotation vector, another solver. The
-    second jump makes motors reach their speeds, which the finely integrated plan then touches: there the first torque
+    last jump makes motors reach their speeds, which the finely integrated plan then touches: there the first torque
     alone is compared, as in the plane."""
-    arm, c = make_panda()
+    arm, c = make_arm(robot)
     controller = MPC(arm, c.with_changes(c.walls, mpc__steps=30, mpc__node=0.01))
     q, shift = choose_open_posture(arm), np.array(jump)
     pose = find_tip_pose(arm, q)
@@ -210,7 +230,7 @@ def test_a_converged_plan_in_space_costs_what_ipopts_does(jump: tuple[float, ...
         moment = (1.0, 0.0, 2.0, 0.1, 0.0, 0.1)
         assert controller.tick(k * 1e-3, motor_position=q, joint_position=q, tip_force=moment) >= 0
     data = controller.nonlinear_problem().data
-    (answer,) = solve_with_ipopt("panda", c.structure, [data])
+    (answer,) = solve_with_ipopt(find_robot(robot), c.structure, [data])
     assert answer["status"] == "Solve_Succeeded"
     first = np.array(data["T"]).reshape(-1, arm.n)[0]
     assert np.abs(np.array(answer["T"])[0] - first).max() < 0.01  # of the motor's largest

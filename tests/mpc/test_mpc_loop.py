@@ -162,7 +162,7 @@ def test_a_current_that_is_measured_tells_the_estimate_what_acted() -> None:
     """Drives whose current follows 3 ms late: with the torque sent the disturbance takes what is missing and the
     innovations grow; with the measured current both are as on drives without a lag."""
     arm, c = built()
-    plant = load("paper", "portable", effects=("current_loop_lag",), out=arm.folder.parent)
+    plant = load("paper", "portable", effects=("all",), out=arm.folder.parent)
     plant.parameters.update({"current_lag_1": 3e-3, "current_lag_2": 3e-3})
     far = c.with_changes(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0)
     path = circle(0.05, (0.2, 0.0), 5.0, 2.0)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from replayed import FLEXIBLE, INPUT_EFFECTS, SENSORS, simulated
+from replayed import FLEXIBLE, SENSORS, simulated
 
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
@@ -54,7 +54,7 @@ def test_only_the_asked_rows_count() -> None:
 
 
 def test_a_fit_counts_the_errors_of_a_joint_that_stands_in_a_noise_above_0(build: Callable) -> None:
-    arm = Arm(build(FLEXIBLE.replace(SENSORS, ""), "portable", INPUT_EFFECTS).folder)
+    arm = Arm(build(FLEXIBLE.replace(SENSORS, "")).folder)
     log = simulated(arm)
     still = {name: np.zeros(len(log)) for name in log.columns if name.endswith("_2")}
     windows = [

@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from replayed import FLEXIBLE, INPUT_EFFECTS, simulated
+from replayed import FLEXIBLE, simulated
 
+from gen.effects import ALL
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
@@ -108,7 +109,7 @@ def test_a_command_that_is_logged_tells(build: Callable) -> None:
 
 
 def test_of_a_measured_input_no_effect_of_commands_is_asked(build: Callable) -> None:
-    arm = Arm(build(FLEXIBLE, "portable", INPUT_EFFECTS).folder)
+    arm = Arm(build(FLEXIBLE, effects=tuple(effect.name for effect in ALL)).folder)
     log = simulated(arm)
     only = Log(log.time, {n: v for n, v in log.columns.items() if n != "motor_current_command_1"}, 2, "measured")
     seen = cut_windows(arm, LogPortion.all_rows(only), 0.05)

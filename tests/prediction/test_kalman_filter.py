@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, simulated
+from replayed import FLEXIBLE, HYSTERESIS, INPUT_AND_SENSOR, MEMORY, RIGID, simulated
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
@@ -21,7 +21,7 @@ CASES: dict[str, tuple[str, tuple[str, ...], dict[str, float], bool]] = {
     "flexible": (FLEXIBLE, (), {}, False),
     "flexible, velocities logged": (FLEXIBLE, (), {}, True),
     "effects that remember": (FLEXIBLE, MEMORY, HYSTERESIS, False),
-    "a sensor's effect": (FLEXIBLE, ("encoder_eccentricity",), {"encoder_wave_2": 1e-3}, False),
+    "a sensor's effect": (FLEXIBLE, INPUT_AND_SENSOR, {"encoder_wave_2": 1e-3}, False),
     "rigid": (RIGID, (), {}, False),
 }
 SPAN = 40

@@ -4,12 +4,14 @@ manifests say of effects; drives that were called rigid; sensors that lie."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 import robots
 from compiled import Compiled, Floats
 from replayed import FLEXIBLE, RIGID, simulated
+from uncompiled import load_uncompiled
 
 from gen.effects import ALL, NOMINAL
 from gen.effects.effect import Effect, Port
@@ -182,8 +184,9 @@ def test_a_stiffer_drive_comes_nearer_to_the_rigid_one(build: Builder) -> None:
     assert gaps[0] / gaps[2] > 2.0
 
 
-def test_where_missing_compliance_has_no_place_it_is_left_out_or_refused(build: Builder) -> None:
-    flexible = build(FLEXIBLE, effects=("missing_compliance",)).manifest
+def test_where_missing_compliance_has_no_place_it_is_left_out_or_refused(build: Builder, tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(FLEXIBLE)
+    flexible = load_uncompiled(tmp_path / "robot.toml", effects=("missing_compliance",)).manifest
     assert "missing_compliance" not in [e["name"] for e in flexible["effects"]]
     for text, said in (
         (FLEXIBLE, "whose drive has springs, possible for missing_compliance is a joint with rigid = true"),
@@ -217,10 +220,11 @@ def test_a_manifest_says_what_every_parameter_is_for(superset: Arm) -> None:
     assert p["coulomb_friction_1"].role == "base" and p["coulomb_friction_1"].effect == "coulomb_friction"
 
 
-def test_a_rigid_robot_has_the_effects_that_mean_something_there(build: Builder) -> None:
+def test_a_rigid_robot_has_the_effects_that_mean_something_there(tmp_path: Path) -> None:
     """One that turns and one that slides, driven by torque."""
     rest = tuple(name for name in NAMES if name != "missing_compliance")
-    manifest = build(RIGID, effects=rest).manifest
+    (tmp_path / "robot.toml").write_text(RIGID)
+    manifest = load_uncompiled(tmp_path / "robot.toml", effects=rest).manifest
     effects = {e["name"]: e for e in manifest["effects"]}
     assert not {e.name for e in ALL if not e.suits_rigid_drive and e not in NOMINAL} & set(effects)
     assert list(effects["encoder_eccentricity"]["joints"]) == [1] and list(effects["contact"]["joints"]) == [1, 2]

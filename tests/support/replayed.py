@@ -40,7 +40,17 @@ SEVERAL = (  # effects of FLEXIBLE for tests that look at one or two of them: on
     "torque_ripple",
     "torque_sensor_gain",
 )
-INPUT_EFFECTS = ("command_delay", "current_saturation", "voltage_sag", "current_loop_lag")
+RIGID_SEVERAL = (  # the same of RIGID
+    "cable_spring",
+    "command_delay",
+    "contact",
+    "current_loop_lag",
+    "current_saturation",
+    "encoder_eccentricity",
+    "presliding_friction",
+    "sensor_delay",
+)
+INPUT_AND_SENSOR = ("command_delay", "current_loop_lag", "encoder_eccentricity")
 HYSTERESIS = {"hysteresis_torque_1": 2.0, "hysteresis_angle_1": 2e-4}
 MEASURED = ("motor_position", "joint_position", "motor_velocity", "joint_velocity", "motor_current", "motor_torque")
 

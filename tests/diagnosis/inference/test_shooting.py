@@ -36,6 +36,7 @@ from hdagen.support.parallel import map_in_threads
 
 Builder = Callable[..., Compiled]
 EFFECTS = ("presliding_friction", "transmission_hysteresis", "sensor_delay", "current_loop_lag")
+EVERY = tuple(effect.name for effect in ALL)  # what other tests build, too
 MOVED = {"torsional_damping_1": 100.0, "viscous_friction_1": 1.1, "coulomb_friction_2": 0.9, "mass_2": 1.02}  # times
 SET = {"sensor_delay_1": 1e-3, "current_lag_2": 1e-3, "hysteresis_torque_1": 2.0}
 
@@ -251,7 +252,7 @@ def test_a_measured_torque_tells_what_became_of_the_command(build: Builder) -> N
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_nothing_jumps_where_much_is_there_a_little(build: Builder, share: float) -> None:
     """A fit moves all parameters at once: a parameter that does much as soon as it is there at all holds it back."""
-    arm = Arm(build(FLEXIBLE, effects=tuple(e.name for e in ALL if e.name != "missing_compliance")).folder)
+    arm = Arm(build(FLEXIBLE, effects=EVERY).folder)
     log = simulated(arm)
     sh = MultipleShooting(arm, cut_windows(arm, LogPortion(log, np.ones(len(log), bool)), 0.05))
     columns, described = (

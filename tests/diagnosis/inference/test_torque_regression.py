@@ -112,7 +112,7 @@ def test_frictions_that_the_file_lacks_at_both_joints_are_found_together(
 
 def test_the_search_ends_with_all_frictions_that_the_file_lacks(lacking: tuple[Arm, dict[str, float], Log]) -> None:
     arm, truth, log = lacking
-    null = fit_null_model(arm, cut_windows(arm, LogPortion.all_rows(log.rows(0, 1500)), 0.05))
+    null = fit_null_model(arm, cut_windows(arm, LogPortion.all_rows(log.rows(0, 1000)), 0.05))
     best = sort_by_evidence(search_hypotheses(null.shooting, null.candidates, ignore_stage).fits)[0]
     assert best.names == tuple(sorted(name.replace("_1", "@1").replace("_2", "@2") for name in truth))
     names = list(arm.parameters.described)

@@ -19,7 +19,7 @@ import pytest
 from catalogue import EFFECTS
 from compiled import Compiled
 from hostile_names import NAME, check_escaped
-from replayed import FLEXIBLE, RIGID, simulated
+from replayed import FLEXIBLE, RIGID, RIGID_SEVERAL, simulated
 
 from gen.effects import ALL
 from gen.effects.file_numbers import FILE_NUMBERS
@@ -292,7 +292,7 @@ def test_one_encoder_a_joint_gives_the_balance_of_the_whole_joint(arm: Arm) -> N
 
 
 def test_a_rigid_arm_has_its_balance(build: Builder, tmp_path: Path) -> None:
-    arm = Arm(build(RIGID, effects=("cable_spring",)).folder)
+    arm = Arm(build(RIGID, effects=RIGID_SEVERAL).folder)
     sight, said, *_ = all_ = seen(arm, {"cable_spring@1": {"cable_stiffness": 3.0, "cable_rest": -1.5}})
     assert (said["where"][0]["joint"], said["where"][0]["place"]) == (1, "link")
     shown = trace_residual(sight, "link", 1, "cable_spring@1")
