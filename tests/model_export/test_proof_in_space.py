@@ -76,8 +76,10 @@ def log_motion(arm: Arm, seconds: float, seed: int = 2) -> Log:
 
 
 def log_swings(true: Arm, arm: Arm, seconds: float) -> Log:
-    """The log of an impedance law that swings the joints of an arm which is not quite the one it knows. Noise of a force
-    sensor would drive light joints in the replay further than a link does."""
+    """The log of an impedance law that swings the joints of an arm which is not quite the one it knows.
+
+    Noise of a force sensor would drive light joints in the replay further than a link does.
+    """
     law = Controller(arm, "impedance_joint", Guard(Safe.ZERO))
     return run(true, law, swing_joints(arm, 2.0, seconds), sensors=Sensors(force_noise=0.0)).log
 
