@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,12 +12,13 @@ import numpy as np
 import pytest
 import space_robots
 
+from gen.robot.load_robot import from_table
 from hdagen.__main__ import main
 
 pytest.importorskip("mujoco", reason="MuJoCo makes the realities: pip install 'hdagen[mujoco]'")
 
 from hdagen.blind.realities.cases import draw_cases
-from hdagen.blind.realities.model_arms import EFFECTS, OWN_ROTOR_EFFECTS, RATE, ModelCase
+from hdagen.blind.realities.model_arms import EFFECTS, OWN_ROTOR_EFFECTS, RATE, SCATTER, ModelCase, ModelRobot
 from hdagen.blind.realities.model_reality import make_model_log
 from hdagen.blind.realities.population import Population, read_population
 
@@ -47,6 +50,14 @@ def draw(model: Path, kind: str, count: int, seed: str = "seed") -> list[ModelCa
 def test_a_model_is_a_family_of_its_own(model: Path) -> None:
     assert read_population({"kind": "single", "model": "two.urdf"}) == Population("single", "model", model="two.urdf")
     assert Population("none", "model", model="a/two.urdf").name == "model two none"
+
+
+def test_the_robot_file_states_the_tolerance_by_which_the_reality_is_scattered(model: Path) -> None:
+    """As the files of the other families do. A file that says less of itself hides a payload among its masses."""
+    (case,) = draw(model, "single", 1)
+    silent = re.sub("(?m)^tolerance = .*$", "", case.robot.text)
+    for robot in (case.robot, ModelRobot(silent)):
+        assert from_table(tomllib.loads(robot.toml()), "two", model).joints[1].mass.tolerance == SCATTER
 
 
 def test_more_cases_begin_with_the_fewer_and_effects_come_in_turn(model: Path) -> None:

@@ -67,8 +67,9 @@ class ModelRobot:
         return {key: _take_values(part) for key, part in tomllib.loads(self.text).items()}
 
     def toml(self) -> str:
-        """Write the robot file, with the sensors that the log is made with."""
+        """Write the robot file, with the log's sensors, and with the tolerance by which the reality is scattered."""
         document = tomlkit.parse(self.text)
+        document["tolerance"] = SCATTER
         for joint in document["joint"]:
             joint["sensor"] = {
                 "joint_encoder_resolution": ENCODER_RESOLUTION,
