@@ -110,14 +110,19 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _write_all_figures(out: Path, contents: list[dict[str, Any]]) -> None:
-    """The page of all figures, and results.json."""
+    """The page of all figures, results.json, and the table of them that every campaign leaves."""
     from hdagen.arm.build_loader import PlantError
+    from hdagen.campaign.result_store import ResultStore
+    from hdagen.campaign.task import Outcome, Status
     from hdagen.paper import document_tables, figure_store, paper_page
     from hdagen.support.atomic_write import write_atomically
 
     try:
         paper_page.write_page(out, contents, figure_store.read_sections(out, [content["name"] for content in contents]))
         write_atomically(out / "results.json", document_tables.collect_results(contents).encode())
+        rows = {one["name"]: {"title": one["title"], "numbers": one["numbers"]} for one in contents}
+        ended = {one["name"]: Outcome(Status.DONE, rows[one["name"]], seconds=one["seconds"]) for one in contents}
+        ResultStore(out).write_table(ended)
     except OSError as error:
         raise PlantError(f"{out}: {error.strerror}; choose another place with --out.") from None
 

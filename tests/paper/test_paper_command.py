@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from compiled import Compiled
 from hostile_names import NAME, check_escaped
 
 from hdagen.__main__ import INTERRUPTED, USAGE, main
+from hdagen.cli import paper as paper_command
 from hdagen.log.measured_log import read
 from hdagen.paper import document_tables, figure_production, figure_store, paper_page
 from hdagen.paper.drawing import draw_result
@@ -260,6 +262,19 @@ def test_the_errata_of_the_page_are_those_of_the_document() -> None:
     ).read_text(encoding="utf-8")
     rows = paper_page.read_errata()
     assert len(rows) > 15 and all(len(row) == 4 for row in rows) and rows[0][0] == "(4)"
+
+
+def test_the_figures_are_rows_of_one_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper_page, "write_page", lambda *_: None)
+    monkeypatch.setattr(figure_store, "read_sections", lambda *_: [])
+    kept = {"claims": [], "choices": [], "numbers": {"rms": 0.2, "by_joint": [0.1, 0.3]}, "seconds": 1.5}
+    paper_command._write_all_figures(tmp_path, [{"name": f"fig{k}", "title": f"Figure {k}", **kept} for k in (1, 2)])
+    table = pq.read_table(tmp_path / "results.parquet").to_pylist()
+    assert [(one["task"], one["title"], one["status"], one["seconds"]) for one in table] == [
+        ("fig1", "Figure 1", "done", 1.5),
+        ("fig2", "Figure 2", "done", 1.5),
+    ]
+    assert json.loads(table[0]["numbers"]) == kept["numbers"]
 
 
 @pytest.mark.campaign
