@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from hdagen.campaign.task import Status, Task, TaskFolder
 from hdagen.mpc.benchmark.law_comparison import RandomRun, RandomRunBench, drive_random_run, make_random_bench
 from hdagen.mpc.closed_loop_trial import TrialOutcome
 
-_OUTCOME_NUMBERS = ("distance", "largest", "free_distance", "contact", "released", "refused")
+_OUTCOME_NUMBERS = tuple(one.name for one in fields(TrialOutcome) if one.name != "violated")
 
 
 def drive_runs_on_cluster(
