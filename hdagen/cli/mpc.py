@@ -144,9 +144,12 @@ def _explain_run(options: argparse.Namespace) -> int:
 def _print_comparison(options: argparse.Namespace) -> int:
     from rich.console import Console
 
+    from hdagen.arm.build_loader import PlantError
     from hdagen.mpc.benchmark.law_comparison import compare_controllers, format_comparison
 
     count = max(0, options.runs)
+    if count and options.out and options.out.exists() and not options.out.is_dir():
+        raise PlantError(f"--out {options.out} is a file; give a folder.")
     asked = read_cluster_request(options, min(count_job_slots(1), max(count, 1)))
     with Console(stderr=True).status("starting") as status:
         found = compare_controllers(options.profile, status.update)

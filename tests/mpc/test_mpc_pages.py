@@ -102,6 +102,15 @@ def test_one_thing_is_asked_at_a_time(asked: list[str], words: str, capsys: pyte
     assert words in capsys.readouterr().err
 
 
+def test_a_file_in_place_of_the_folder_of_runs_ends_the_command_before_a_build(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "runs").touch()
+    monkeypatch.setattr("hdagen.mpc.benchmark.law_comparison.compare_controllers", pytest.fail)
+    assert main(["mpc", "table", "--runs", "2", "--out", str(tmp_path / "runs")]) > 1
+    assert "is a file; give a folder" in capsys.readouterr().err
+
+
 def test_gains_of_other_controllers_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "--controller", "mpc", "--gain", "stiffness_x=5"]) == USAGE
     assert "takes --config controller.toml" in capsys.readouterr().err
