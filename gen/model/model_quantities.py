@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -212,10 +211,11 @@ def _find_file_number(robot: Robot, value: ParameterValue, key: str) -> tuple[st
     name, _, entry = key.rpartition("_")
     if entry not in SPACE_ENTRIES.get(name, ()):
         return None, 0.0
+    if name == "center_of_mass":
+        return name, value.reference_size
     link = robot.joints[value.joint - 1].link
     assert isinstance(link, SpatialLink)
-    entries = [one.nominal for one in getattr(link, name)]
-    return name, math.hypot(*entries) if name == "center_of_mass" else sum(entries[:3]) / 3
+    return name, sum(moment.nominal for moment in link.inertia[:3]) / 3
 
 
 def _is_left_out(robot: Robot, parameter: Parameter, j: int) -> bool:

@@ -33,6 +33,22 @@ def add_cluster_options(parser: argparse.ArgumentParser, what: str, default_jobs
     group.add_argument("--insecure", action="store_true", help="take a tcp:// address, which nothing protects")
 
 
+def refuse_file_as_folder(out: Path) -> None:
+    """Refuse a file where a command keeps the results of its tasks, before anything is built.
+
+    Args:
+        out: What --out names.
+
+    Raises:
+        PlantError: It is a file.
+
+    """
+    from hdagen.arm.build_loader import PlantError
+
+    if out.exists() and not out.is_dir():
+        raise PlantError(f"--out {out} is a file; give a folder.")
+
+
 def list_given_options(options: argparse.Namespace) -> list[str]:
     """List the options that were given.
 

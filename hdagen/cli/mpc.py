@@ -14,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hdagen.cli.cluster_options import add_cluster_options, count_job_slots, read_cluster_request
+from hdagen.cli.cluster_options import add_cluster_options, count_job_slots, read_cluster_request, refuse_file_as_folder
 
 if TYPE_CHECKING:
     from hdagen.campaign.cluster_request import ClusterRequest
@@ -144,12 +144,11 @@ def _explain_run(options: argparse.Namespace) -> int:
 def _print_comparison(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from hdagen.arm.build_loader import PlantError
     from hdagen.mpc.benchmark.law_comparison import compare_controllers, format_comparison
 
     count = max(0, options.runs)
-    if count and options.out and options.out.exists() and not options.out.is_dir():
-        raise PlantError(f"--out {options.out} is a file; give a folder.")
+    if count and options.out:
+        refuse_file_as_folder(options.out)
     asked = read_cluster_request(options, min(count_job_slots(1), max(count, 1)))
     with Console(stderr=True).status("starting") as status:
         found = compare_controllers(options.profile, status.update)

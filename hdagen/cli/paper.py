@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hdagen.cli.cluster_options import add_cluster_options, read_cluster_request
+from hdagen.cli.cluster_options import add_cluster_options, read_cluster_request, refuse_file_as_folder
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -65,7 +65,6 @@ def run(options: argparse.Namespace) -> int:
     """
     from rich.console import Console
 
-    from hdagen.arm.build_loader import PlantError
     from hdagen.paper import figure_production
     from hdagen.paper.drawing import require_matplotlib
     from hdagen.paper.figure_catalogue import PAPER_FIGURES, find_figures
@@ -78,8 +77,7 @@ def run(options: argparse.Namespace) -> int:
             print("\n".join(f"{name:10} {title}" for name, title in titles.items()))
         return DONE
     figures = find_figures(options.names)
-    if options.out.exists() and not options.out.is_dir():
-        raise PlantError(f"--out {options.out} is a file; give a folder.")
+    refuse_file_as_folder(options.out)
     require_matplotlib()
     begun, console, found, new = time.perf_counter(), Console(), {}, 0
     errors = Console(stderr=True)
@@ -120,8 +118,10 @@ def _write_all_figures(out: Path, contents: list[dict[str, Any]]) -> None:
     try:
         paper_page.write_page(out, contents, figure_store.read_sections(out, [content["name"] for content in contents]))
         write_atomically(out / "results.json", document_tables.collect_results(contents).encode())
-        rows = {one["name"]: {"title": one["title"], "numbers": one["numbers"]} for one in contents}
-        ended = {one["name"]: Outcome(Status.DONE, rows[one["name"]], seconds=one["seconds"]) for one in contents}
+        ended = {}
+        for one in contents:
+            row = {"title": one["title"], "numbers": one["numbers"]}
+            ended[one["name"]] = Outcome(Status.DONE, row, seconds=one["seconds"])
         ResultStore(out).write_table(ended)
     except OSError as error:
         raise PlantError(f"{out}: {error.strerror}; choose another place with --out.") from None

@@ -39,9 +39,12 @@ def check_inertia(profile: LogProfile, robot: RobotFacts, model: Arm) -> list[Fi
         The findings.
 
     """
-    moving, findings = _smooth_whole_motion(profile, model), []
+    moving, torque, findings = _smooth_whole_motion(profile, model), _compute_torque(profile, model), []
     for one, joint in enumerate(moving.joints):
-        judged = {name: _judge_inertia(profile, model, name, one) for name in _list_varying_inputs(profile, joint)}
+        ratio, rotor = model.parameters[f"ratio_{joint}"], model.parameters[f"motor_inertia_{joint}"]
+        inertial = torque[:, joint - 1] / ratio + rotor * ratio * moving.acceleration[one]
+        names = _list_varying_inputs(profile, joint)
+        judged = {name: _judge_inertia(profile, model, name, one, inertial) for name in names}
         is_right = any(not judged[name] for name in judged if not is_command_channel(name))
         for name, found in judged.items():
             findings += [f for f in found if not (is_right and is_command_channel(name) and f.name == "inertia")]
@@ -54,16 +57,15 @@ def _list_varying_inputs(profile: LogProfile, joint: int) -> list[str]:
     return [name for name in names if name in channels and not channels[name].is_constant]
 
 
-def _judge_inertia(profile: LogProfile, model: Arm, name: str, one: int) -> list[Finding]:
+def _judge_inertia(profile: LogProfile, model: Arm, name: str, one: int, inertial: np.ndarray) -> list[Finding]:
     """The finding on the inertia that an input implies, if it cannot be that of its joint, number ``one`` of those that
-    move."""
+    move; ``inertial`` is the model's torque at its motor, N m."""
     moving = _smooth_whole_motion(profile, model)
     joint = moving.joints[one]
-    ratio, rotor = model.parameters[f"ratio_{joint}"], model.parameters[f"motor_inertia_{joint}"]
-    inertial = _compute_torque(profile, model)[:, joint - 1] / ratio + rotor * ratio * moving.acceleration[one]
     values = _torque_per_input(model, name, joint) * profile.sample_channel(name)
     low, high = _bound_coefficient(_stack_friction_terms(moving, one, inertial), values)
-    if not rotor and low > INPUT_CHECK.most_inertia_ratio and _is_rotor_missing(moving, one, inertial, values):
+    has_rotor = bool(model.parameters[f"motor_inertia_{joint}"])
+    if not has_rotor and low > INPUT_CHECK.most_inertia_ratio and _is_rotor_missing(moving, one, inertial, values):
         return []
     if low > INPUT_CHECK.most_inertia_ratio or high < 1 / INPUT_CHECK.most_inertia_ratio:
         times = math.copysign(math.sqrt(low * high), high)

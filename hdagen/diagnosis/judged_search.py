@@ -41,7 +41,7 @@ class JudgedSearch:
     @property
     def is_file_in_doubt(self) -> bool:
         """Whether many times the noise is left although the file is taken as right, by no contradiction of the logs, or
-        effects are named that may stand in for a wrong number."""
+        what is named may stand in for a wrong number."""
         return self.checked.contradiction is None and (self.leaves_much or self.names_unsurely)
 
     @property
@@ -51,7 +51,7 @@ class JudgedSearch:
 
     @property
     def names_unsurely(self) -> bool:
-        """Whether its verdict names effects and is not sure."""
+        """Whether its verdict names effects or something unknown, and is not sure."""
         return bool(self.verdict) and not self.checked.settled.statement.decision.is_sure
 
     def corrects(self, other: JudgedSearch) -> bool:
@@ -133,7 +133,7 @@ def judge_with_numbers(
     search_numbers: Callable[[Sequence[str] | None], JudgedSearch | None],
 ) -> JudgedSearch:
     """Judge a search that takes the robot file as right, and one with its numbers among the causes where that leaves
-    much or names effects unsurely.
+    much or names something unsurely.
 
     What clearly leaves less of unseen motion stands. Where the file seems to be another machine's, the second one
     stands if it leaves about the noise.

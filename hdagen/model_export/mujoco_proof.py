@@ -144,6 +144,7 @@ def prove_in_mujoco(robot: CorrectedRobot, given: ProofLog, before: Path, after:
         LogError: The log is of another robot.
 
     """
+    import_mujoco()
     with collect_mujoco_warnings() as told:
         proof = _compare_replays(robot, _repair_log(given, robot.file), before, after)
     return replace(proof, notes=(*proof.notes, *(f"MuJoCo warns: {line}" for line in told)))
