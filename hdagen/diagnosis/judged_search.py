@@ -9,12 +9,15 @@ from hdagen.diagnosis.checked_verdict import CheckedVerdict, check_on_holdout
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.models import Models
 from hdagen.diagnosis.data.prepared_data import PreparedData
+from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence
+from hdagen.diagnosis.decision.file_trust import has_exact_number, measure_number_gain
 from hdagen.diagnosis.decision.posterior import score_hypotheses
 from hdagen.diagnosis.holdout.long_window_prediction import predict_long_windows
 from hdagen.diagnosis.holdout.small_effects import is_gap_alike
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import is_at_bound
+from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.stages.stage import Stage, StageListener
 from hdagen.diagnosis.stages.time_budget import TimeBudget
@@ -40,9 +43,39 @@ class JudgedSearch:
 
     @property
     def is_file_in_doubt(self) -> bool:
-        """Whether many times the noise is left although the file is taken as right, by no contradiction of the logs, or
-        what is named may stand in for a wrong number."""
-        return self.checked.contradiction is None and (self.leaves_much or self.names_unsurely)
+        """Whether wrong numbers of the file may be behind what the verdict names or leaves; of one that the file claims
+        to know exactly only what is left tells."""
+        if self.checked.contradiction is not None:
+            return False
+        leaves_room = self.leaves_much or self.names_unsurely
+        return self.may_stand_for_numbers or self.may_lack_numbers or (leaves_room and self.has_exact_number)
+
+    @property
+    def may_stand_for_numbers(self) -> bool:
+        """Whether wrong numbers of the file alone would gain most of the log evidence that the verdict gains."""
+        gain = measure_number_gain(self.without_effects)
+        gained = self.best.evidence_here - self.without_effects.evidence_here
+        return bool(self.verdict) and gain >= max(DECISION.least_number_gain, DECISION.look_alike_share * gained)
+
+    @property
+    def may_lack_numbers(self) -> bool:
+        """Whether wrong numbers of the file would gain log evidence beside the verdict."""
+        return measure_number_gain(self.best) >= DECISION.least_number_gain
+
+    @property
+    def has_exact_number(self) -> bool:
+        """Whether the file claims to know a number exactly."""
+        return has_exact_number(self.best)
+
+    @property
+    def best(self) -> Fit:
+        """The fit of the verdict."""
+        return self.checked.settled.statement.decision.best
+
+    @property
+    def without_effects(self) -> Fit:
+        """The fit without effects."""
+        return next(fit for fit in self.search.fits if not fit.effects)
 
     @property
     def leaves_much(self) -> bool:
@@ -132,8 +165,8 @@ def judge_with_numbers(
     search: SearchResult,
     search_numbers: Callable[[Sequence[str] | None], JudgedSearch | None],
 ) -> JudgedSearch:
-    """Judge a search that takes the robot file as right, and one with its numbers among the causes where that leaves
-    much or names something unsurely.
+    """Judge a search that takes the robot file as right, and one with its numbers among the causes where these may be
+    behind what the first one names or leaves.
 
     What clearly leaves less of unseen motion stands. Where the file seems to be another machine's, the second one
     stands if it leaves about the noise.

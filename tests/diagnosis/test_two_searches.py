@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -16,11 +17,35 @@ SEARCH = cast(SearchResult, None)
 SEARCH_FOUND = cast(SearchResult, SimpleNamespace())
 
 
+@dataclass(frozen=True, eq=False)
+class FakeJudgedSearch(JudgedSearch):
+    """A search of whose file's numbers is known what the fits would tell: ``told`` has the properties that hold."""
+
+    told: frozenset[str]
+
+    @property
+    def may_stand_for_numbers(self) -> bool:
+        return "may_stand_for_numbers" in self.told
+
+    @property
+    def may_lack_numbers(self) -> bool:
+        return "may_lack_numbers" in self.told
+
+    @property
+    def has_exact_number(self) -> bool:
+        return "has_exact_number" in self.told
+
+
 def judged(
-    after: float, *verdict: str, contradiction: str | None = None, end: str | None = None, is_sure: bool = True
+    after: float,
+    *verdict: str,
+    contradiction: str | None = None,
+    end: str | None = None,
+    is_sure: bool = True,
+    told: str = "may_lack_numbers",
 ) -> JudgedSearch:
     """A search whose verdict leaves ``after`` times the noise on the motion that decides; ``end``: of the range of its
-    effects, where they stand at one."""
+    effects, where they stand at one; ``told``: what is known of the file's numbers."""
     gap = {"after": after, "by_channel": {"motor_position_1": {"after": after}}}
     size = {"value": 1.0, "std": 0.1, "end": end}
     causes = [{"effect": name[:-2], "joint": int(name[-1]), "parameters": {"size": size}} for name in verdict]
@@ -30,7 +55,8 @@ def judged(
     checked: Any = SimpleNamespace(
         contradiction=contradiction, settled=SimpleNamespace(deciding_gap=gap, statement=statement)
     )
-    return JudgedSearch(SEARCH, checked, (), frozenset({"motor_inertia@1", "mass@1", "inertia@1"}))
+    numbers = frozenset({"motor_inertia@1", "mass@1", "inertia@1"})
+    return FakeJudgedSearch(SEARCH, checked, (), numbers, frozenset({told}))
 
 
 class Numbers:
@@ -49,22 +75,31 @@ def refuse(_: SearchResult) -> JudgedSearch:
     raise LogError(["this log seems to be of another robot."])
 
 
-def test_a_first_search_that_leaves_little_stands_alone() -> None:
-    first, numbers = judged(5.0, "viscous_friction@1"), Numbers(judged(1.0))
+def test_numbers_that_would_gain_nothing_are_not_searched_however_much_is_left() -> None:
+    first, numbers = judged(90.0, "cable_spring@1", told="nothing"), Numbers(judged(1.2, "motor_inertia@1"))
     assert judge_with_numbers(lambda _: first, SEARCH, numbers) is first
     assert numbers.asked == []
 
 
-def test_an_effect_that_is_not_sure_may_stand_in_for_a_wrong_number() -> None:
-    first, numbers = judged(3.8, "link_flexibility@1", is_sure=False), Numbers(judged(1.2, "motor_inertia@1"))
+def test_numbers_that_would_gain_beside_a_verdict_are_searched_however_little_is_left() -> None:
+    first, numbers = judged(1.9), Numbers(judged(1.2, "motor_inertia@1"))
+    assert judge_with_numbers(lambda _: first, SEARCH, numbers) is numbers.found
+
+
+def test_an_effect_that_wrong_numbers_would_explain_as_well_is_compared_with_them_however_sure() -> None:
+    first = judged(3.3, "link_flexibility@1", told="may_stand_for_numbers")
+    numbers = Numbers(judged(1.2, "motor_inertia@1"))
     assert judge_with_numbers(lambda _: first, SEARCH, numbers) is numbers.found
     assert numbers.asked == [("link_flexibility@1",)]
 
 
-def test_where_nothing_is_named_and_little_is_left_no_number_is_searched() -> None:
-    first, numbers = judged(1.9, is_sure=False), Numbers(judged(1.2, "motor_inertia@1"))
-    assert judge_with_numbers(lambda _: first, SEARCH, numbers) is first
-    assert numbers.asked == []
+@pytest.mark.parametrize(("after", "is_sure", "searched"), [(90.0, True, True), (3.8, False, True), (3.8, True, False)])
+def test_a_number_that_the_file_knows_exactly_is_searched_where_the_verdict_leaves_room(
+    after: float, is_sure: bool, searched: bool
+) -> None:
+    first = judged(after, "link_flexibility@1", is_sure=is_sure, told="has_exact_number")
+    numbers = Numbers(judged(1.2, "motor_inertia@1"))
+    assert judge_with_numbers(lambda _: first, SEARCH, numbers) is (numbers.found if searched else first)
 
 
 def test_logs_that_contradict_each_other_are_no_reason_to_doubt_the_file() -> None:

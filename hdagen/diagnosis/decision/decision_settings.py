@@ -53,6 +53,18 @@ class DecisionSettings:
         "an effect with less makes up for the formula of another one and is not named: no machine has "
         "exactly the formula of the model",
     )
+    look_alike_share: float = declare_setting(
+        0.5,
+        "of the log evidence that a verdict gains",
+        "wrong numbers of the file that would gain as much may be what the verdict stands for: most of it",
+        KNOWN_EFFECTS,
+    )
+    least_number_gain: float = declare_setting(
+        3.0,
+        "nats",
+        "wrong numbers of the file that would gain less beside a verdict are not searched: odds of 20",
+        KNOWN_EFFECTS,
+    )
     sure_below: float = declare_setting(
         0.1,
         "probability",

@@ -7,7 +7,8 @@ beside such a number may stand in for it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,55 @@ def find_strained_numbers(fit: Fit) -> tuple[str, ...]:
         if is_held and informative and far >= CANDIDATES.nuisance_limit * (1.0 - DECISION.bound_tolerance):
             reach[c.parameter] = far
     return tuple(sorted(reach, key=lambda name: -reach[name]))
+
+
+def measure_number_gain(fit: Fit) -> float:
+    """Measure how much log evidence wrong numbers of the robot file would gain, in the linear model about a fit.
+
+    A number's prior is then as wide as numbers of its kind are usually wrong.
+
+    Args:
+        fit: in which the file is taken as right.
+
+    Returns:
+        The gain of the best number alone or of all numbers together, whichever is larger; 0 where the fit has no column
+        of a number.
+
+    """
+    columns, described = fit.sensitivities.candidates.columns, fit.sensitivities.shooting.arm.parameters.described
+    numbers = [own for own in _list_number_columns(fit) if own]
+
+    def measure_gain(own: Sequence[int]) -> float:
+        usual = [(described[columns[k].parameter].typical or 0.0) / columns[k].unit for k in own]
+        stated = [columns[k].spike_width for k in own]
+        return fit.evidence_with_widths(own, np.hypot(stated, usual).tolist()) - fit.evidence_with_widths(own, stated)
+
+    return max(map(measure_gain, (*numbers, sorted(chain(*numbers))))) if numbers else 0.0
+
+
+def has_exact_number(fit: Fit) -> bool:
+    """Tell whether the robot file claims to know a number exactly, so that a fit has no column of it.
+
+    Args:
+        fit: in which the file is taken as right.
+
+    Returns:
+        Whether there is such a number.
+
+    """
+    return not all(_list_number_columns(fit))
+
+
+def _list_number_columns(fit: Fit) -> list[list[int]]:
+    """The places of the columns of each number that may be wrong by a factor, without numbers that the effects free."""
+    arm, words = fit.sensitivities.shooting.arm, fit.sensitivities.candidates
+    described = arm.parameters.described
+    free = {words.columns[k].parameter for k in words.hypothesis_columns(fit.effects)}
+    place = {c.parameter: k for k, c in enumerate(words.columns) if c.in_every_hypothesis}
+    joints = [(number["amplitudes"], j) for number in arm.manifest["numbers"] for j in number["joints"]]
+    every = [[f"{amplitude}_{j}" for amplitude in amplitudes] for amplitudes, j in joints]
+    held = [[name for name in names if name in described and described[name].typical] for names in every]
+    return [[place[name] for name in names if name in place] for names in held if names and free.isdisjoint(names)]
 
 
 def describe_factor(

@@ -8,7 +8,7 @@ Legend: θ parameters in typical sizes; s size of unexplained torque; κ noise s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -119,6 +119,25 @@ class Fit:
 
         """
         return self._posterior_of(self._total_equations, atoms, LIKELIHOOD.likelihood_temperature).mean
+
+    def evidence_with_widths(self, columns: Sequence[int], widths: Sequence[float]) -> float:
+        """Predict the log evidence of the hypothesis with wider priors of some columns by the linear model.
+
+        Args:
+            columns: places of the columns, which then have no bounds.
+            widths: their prior standard deviations.
+
+        Returns:
+            The log evidence, in which these columns pay Occam's factor, too.
+
+        """
+        own, prior = np.array(columns, int), compute_hypothesis_widths(self.sensitivities, self.effects)
+        low, high = self.sensitivities.candidates.theta_bounds(self.sensitivities.shooting.arm)
+        prior[own], low[own], high[own] = widths, -np.inf, np.inf
+        summed, at = (self.summary or (self._total_equations,))[0], self.score.posterior
+        found = apply_laplace(summed, prior, at.s, at.kappa2, (low, high), LIKELIHOOD.likelihood_temperature)
+        paying = np.union1d(own, self.sensitivities.candidates.hypothesis_columns(self.effects))
+        return found.evidence_paid_by(prior, paying)
 
     def _evidence_of(self, summed: TotalNormalEquations, atoms: tuple[int, ...], temperature: float) -> float:
         found, prior = (
