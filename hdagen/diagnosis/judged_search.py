@@ -88,7 +88,7 @@ class JudgedSearch:
         return bool(self.verdict) and not self.checked.settled.statement.decision.is_sure
 
     def corrects(self, other: JudgedSearch) -> bool:
-        """Tell whether its verdict corrects that of another search.
+        """Tell whether its verdict corrects that of another search, whose logs do not contradict each other.
 
         Args:
             other: the other search.
@@ -98,6 +98,8 @@ class JudgedSearch:
             the motion that decides than the other verdict, or about as little with fewer effects.
 
         """
+        if other.checked.contradiction is not None:
+            return False
         if self.numbers.isdisjoint(self.verdict) or is_at_bound(
             self.verdict, self.checked.settled.statement.stated.causes
         ):
@@ -192,8 +194,12 @@ def judge_with_numbers(
         return again
     if not found.is_file_in_doubt:
         return found
-    again = search_numbers(found.verdict)
-    return again if again and again.corrects(found) else found
+    return _choose_search(found, search_numbers(found.verdict))
+
+
+def _choose_search(as_stated: JudgedSearch, with_numbers: JudgedSearch | None) -> JudgedSearch:
+    """The search with numbers where its verdict corrects that of the other one, which takes the file as right."""
+    return with_numbers if with_numbers and with_numbers.corrects(as_stated) else as_stated
 
 
 def judge_numbers_first(
@@ -220,7 +226,7 @@ def judge_numbers_first(
         return numbers
     search = search_as_stated()
     if search is not None:
-        return judge_with_numbers(judge, search, lambda _: numbers)
+        return _choose_search(judge(search), numbers)
     if numbers is None:
         raise LogError(["neither search for the cause could be made; give more time, or a shorter log."])
     return numbers
