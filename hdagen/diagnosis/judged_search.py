@@ -52,7 +52,7 @@ class JudgedSearch:
 
     @property
     def may_stand_for_numbers(self) -> bool:
-        """Whether wrong numbers of the file alone would gain most of the log evidence that the verdict gains."""
+        """Whether wrong numbers of the file alone would gain much of the log evidence that the verdict gains."""
         gain = measure_number_gain(self.without_effects)
         gained = self.best.evidence_here - self.without_effects.evidence_here
         return bool(self.verdict) and gain >= max(DECISION.least_number_gain, DECISION.look_alike_share * gained)

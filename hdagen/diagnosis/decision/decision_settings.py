@@ -54,9 +54,10 @@ class DecisionSettings:
         "exactly the formula of the model",
     )
     look_alike_share: float = declare_setting(
-        0.5,
+        0.25,
         "of the log evidence that a verdict gains",
-        "wrong numbers of the file that would gain as much may be what the verdict stands for: most of it",
+        "wrong numbers of the file that would gain as much may be what the verdict stands for: where no effect"
+        " is fitted, the unexplained torque takes the rest",
         KNOWN_EFFECTS,
     )
     least_number_gain: float = declare_setting(
