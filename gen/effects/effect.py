@@ -48,8 +48,8 @@ class Parameter:
         low: Lower bound.
         high: Upper bound.
         meaning: Meaning in words.
-        typical: Of an amplitude, the difference from nominal with which the effect is usually met. From 15 % of it on
-            an effect counts as present.
+        typical: Of an amplitude, the difference from nominal with which the effect is usually met. The diagnosis
+            counts an effect as present from a share of it on.
         scale: A key of the joint whose nominal value multiplies ``typical`` and ``everywhere``, or ``starts`` and
             nominal; "1/key" and "key/key" too. "largest_input" is the bound of the joint's input.
         starts: Of a shape, the values from which a search starts, the nominal one first.

@@ -33,7 +33,7 @@ class CandidateSettings:
         1e-4, "usual sizes", "spike width of a candidate that only its own hypothesis uses: below any share of any size"
     )
     present_size: float = declare_setting(
-        0.3, "usual sizes", "an effect counts as present from here; a smaller one changes little", KNOWN_EFFECTS
+        0.2, "usual sizes", "an effect counts as present from here; a smaller one changes little", KNOWN_EFFECTS
     )
     least_absent_number: float = declare_setting(
         0.05,

@@ -129,7 +129,7 @@ def test_where_there_is_nothing_nothing_is_read_off(seed: int) -> None:
 def test_what_is_too_small_to_count_is_not_named() -> None:
     assert not [
         one
-        for one in _find_encoder_effects(EFFECTS, within(between(3, sensor_delay=4e-4)))
+        for one in _find_encoder_effects(EFFECTS, within(between(3, sensor_delay=3e-4)))
         if one.name == "sensor_delay@1"
     ]
 
