@@ -53,9 +53,11 @@ class JudgedSearch:
     @property
     def may_stand_for_numbers(self) -> bool:
         """Whether wrong numbers of the file alone would gain much of the log evidence that the verdict gains."""
-        gain = measure_number_gain(self.without_effects)
+        if not self.verdict:
+            return False
         gained = self.best.evidence_here - self.without_effects.evidence_here
-        return bool(self.verdict) and gain >= max(DECISION.least_number_gain, DECISION.look_alike_share * gained)
+        least = max(DECISION.least_number_gain, DECISION.look_alike_share * gained)
+        return measure_number_gain(self.without_effects) >= least
 
     @property
     def may_lack_numbers(self) -> bool:
@@ -88,14 +90,15 @@ class JudgedSearch:
         return bool(self.verdict) and not self.checked.settled.statement.decision.is_sure
 
     def corrects(self, other: JudgedSearch) -> bool:
-        """Tell whether its verdict corrects that of another search, whose logs do not contradict each other.
+        """Tell whether its verdict corrects that of another search.
 
         Args:
             other: the other search.
 
         Returns:
             Whether the verdict has wrong numbers of the file, none at an end of its range, and clearly leaves less of
-            the motion that decides than the other verdict, or about as little with fewer effects.
+            the motion that decides than the other verdict, or about as little with fewer effects. Logs that contradict
+            each other correct nothing.
 
         """
         if other.checked.contradiction is not None:

@@ -19,7 +19,7 @@ SEARCH_FOUND = cast(SearchResult, SimpleNamespace())
 
 @dataclass(frozen=True, eq=False)
 class FakeJudgedSearch(JudgedSearch):
-    """A search of whose file's numbers is known what the fits would tell: ``told`` has the properties that hold."""
+    """A search without fits: ``told`` has the names of the properties that the fits would give as true."""
 
     told: frozenset[str]
 
@@ -45,7 +45,7 @@ def judged(
     told: str = "may_lack_numbers",
 ) -> JudgedSearch:
     """A search whose verdict leaves ``after`` times the noise on the motion that decides; ``end``: of the range of its
-    effects, where they stand at one; ``told``: what is known of the file's numbers."""
+    effects, where they stand at one; ``told``: the property of the fits that is true."""
     gap = {"after": after, "by_channel": {"motor_position_1": {"after": after}}}
     size = {"value": 1.0, "std": 0.1, "end": end}
     causes = [{"effect": name[:-2], "joint": int(name[-1]), "parameters": {"size": size}} for name in verdict]
@@ -75,8 +75,11 @@ def refuse(_: SearchResult) -> JudgedSearch:
     raise LogError(["this log seems to be of another robot."])
 
 
-def test_numbers_that_would_gain_nothing_are_not_searched_however_much_is_left() -> None:
-    first, numbers = judged(90.0, "cable_spring@1", told="nothing"), Numbers(judged(1.2, "motor_inertia@1"))
+@pytest.mark.parametrize(("after", "verdict"), [(90.0, ["cable_spring@1"]), (5.0, ["viscous_friction@1"]), (1.9, [])])
+def test_numbers_that_would_gain_nothing_are_not_searched_however_much_is_left(
+    after: float, verdict: list[str]
+) -> None:
+    first, numbers = judged(after, *verdict, is_sure=False, told="nothing"), Numbers(judged(1.2, "motor_inertia@1"))
     assert judge_with_numbers(lambda _: first, SEARCH, numbers) is first
     assert numbers.asked == []
 
@@ -172,3 +175,8 @@ def test_where_there_is_no_time_for_the_other_search_the_first_one_stands() -> N
 def test_where_neither_search_could_be_made_that_is_said() -> None:
     with pytest.raises(LogError, match="neither search"):
         judge_numbers_first(None, lambda: None, refuse)
+
+
+def test_where_the_numbers_were_searched_first_contradicting_logs_correct_nothing() -> None:
+    numbers, first = judged(12.0, "motor_inertia@1"), judged(90.0, contradiction="the logs differ.")
+    assert judge_numbers_first(numbers, lambda: SEARCH_FOUND, lambda _: first) is first

@@ -134,7 +134,7 @@ class Fit:
         own, prior = np.array(columns, int), compute_hypothesis_widths(self.sensitivities, self.effects)
         low, high = self.sensitivities.candidates.theta_bounds(self.sensitivities.shooting.arm)
         prior[own], low[own], high[own] = widths, -np.inf, np.inf
-        summed, at = (self.summary or (self._total_equations,))[0], self.score.posterior
+        summed, at = self.summary[0] if self.summary else self._total_equations, self.score.posterior
         found = apply_laplace(summed, prior, at.s, at.kappa2, (low, high), LIKELIHOOD.likelihood_temperature)
         paying = np.union1d(own, self.sensitivities.candidates.hypothesis_columns(self.effects))
         return found.evidence_paid_by(prior, paying)
