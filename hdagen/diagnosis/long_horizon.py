@@ -78,7 +78,7 @@ def search_long_horizon(
     fit_of_arm = next(fit for fit in found.fits if fit.sensitivities.shooting.arm is arm)
     model = sizes.limit_base_parameters(leading_set)
     p = sizes.parameters_at(model)
-    start = OperatingPoint(p, fit_of_arm.sensitivities.shooting.measured_initial_states(p))
+    start = OperatingPoint(p, fit_of_arm.sensitivities.shooting.filtered_initial_states(p))
     fit = start_fit(fit_of_arm.sensitivities, found.candidates, leading_set.atoms, fit_of_arm.score.posterior.s, start)
     weights = {found.candidates.names_of(one.atoms): float(np.exp(0.5 * (leading_set.cost - one.cost))) for one in sets}
     unexplained = [h for h in decision.hypotheses if h.is_unknown]

@@ -39,7 +39,9 @@ INSTANTS_PER_CALL = 16  # instants that one call of a thread filters
 BANK_CHANNELS = "motor_position", "motor_velocity", "joint_position", "joint_velocity"
 
 
-def estimate_states(arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Rows, hidden: Array) -> Array:
+def estimate_states(
+    arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Rows, hidden: Array, earliest: Rows | int = 0
+) -> Array:
     """Estimate the state of an arm at some rows of a log.
 
     Args:
@@ -49,6 +51,7 @@ def estimate_states(arm: Arm, log: Log, readings: Readings, inputs: Array, rows:
         inputs: (T, nu), the inputs, each held from its row to the next.
         rows: (S), the rows, increasing and above 0.
         hidden: (T, nx − m), the effects' own states; each filter starts from them where its horizon begins.
+        earliest: (S) or one number, the row before which no filter looks.
 
     Returns:
         (S, nx), the states; NaN where no filter stayed within the bounds.
@@ -62,12 +65,11 @@ def estimate_states(arm: Arm, log: Log, readings: Readings, inputs: Array, rows:
             round(PREDICTION.filter_horizon / log.period), PREDICTION.least_horizon_rows, PREDICTION.most_horizon_rows
         )
     )
-    bank = FilterBank(arm, readings)
+    bank, begins = FilterBank(arm, readings), np.maximum(rows - back, earliest)
 
     def filtered(part: slice) -> Array:
-        at = rows[part]
+        at, first = rows[part], begins[part]
         noise = np.stack([readings.noise_before(int(row)) for row in at])
-        first = np.maximum(at - back, 0)
         return bank.run(log.time, inputs, first, at, noise, hidden[first])
 
     return np.concatenate(

@@ -74,5 +74,5 @@ def refit_from_start(start: OperatingPoint, fit: Fit, words: CandidateSet, atoms
     for k in atoms:
         for name in (*words.members[k].amplitudes, *words.members[k].shapes):
             p[names.index(name)] = fit.sensitivities.point.p[names.index(name)]
-    point = OperatingPoint(p, fit.sensitivities.shooting.measured_initial_states(p))
+    point = OperatingPoint(p, fit.sensitivities.shooting.filtered_initial_states(p))
     return start_fit_at(fit.sensitivities.shooting, words, atoms, point, fit.score.posterior.s, fit.noise_only_evidence)

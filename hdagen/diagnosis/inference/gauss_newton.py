@@ -70,7 +70,7 @@ def _restart_bad_windows(at: Sensitivities, s: float) -> Sensitivities:
     if not far.any():
         return at
     begun = at.point.initial_states.copy()
-    begun[kept[far]] = at.shooting.measured_initial_states(at.point.p)[kept[far]]
+    begun[kept[far]] = at.shooting.filtered_initial_states(at.point.p)[kept[far]]
     again = at.at_point(at.point.with_initial_states(begun)).linear_model()
     stays = again.chi2(s) > left - FIT.largest_chi2_rise
     begun[kept[stays]] = at.point.initial_states[kept[stays]]

@@ -30,10 +30,11 @@ import numpy as np
 from hdagen.arm import delayed_sensors
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import MOST_MEMORY_DECAYS, Arm
-from hdagen.arm.ratings import compute_rated_torsion, compute_torque_per_input
+from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.diagnosis.data.required_torque import compute_required_torque
 from hdagen.diagnosis.data.split import Mask
 from hdagen.diagnosis.data.windows import WindowedRecord
+from hdagen.diagnosis.inference.initial_states import InitialStates
 from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.rollout import PreparedRollout, Rollout, WindowSchedule
 from hdagen.diagnosis.inference.rollout_workspace import Workspace
@@ -45,7 +46,6 @@ from hdagen.prediction.measurement_model import (
     find_parameter_indices,
     get_state_limits,
     read_joint_angles,
-    undo_sensor_effects,
 )
 from hdagen.support.parallel import THREAD_COUNT, map_in_threads
 
@@ -72,7 +72,10 @@ class MultipleShooting:
 
     def __post_init__(self) -> None:
         record, self.m = self.record, count_mechanical_states(self.arm)
-        self.longest_step = min(self.longest_step, max(self._choose_step_limit(), self.arm.step_size))
+        torque = np.abs(compute_required_torque(self.arm, record).torque)
+        load = LIKELIHOOD.torque_margin * np.quantile(torque, LIKELIHOOD.torque_quantile, axis=0)
+        self.initial_states = InitialStates(self.arm, record, load)
+        self.longest_step = min(self.longest_step, max(self._choose_step_limit(load), self.arm.step_size))
         self.all_windows, self.selected_windows = (
             WindowSchedule.all_windows(record),
             WindowSchedule.selected_windows(record),
@@ -93,10 +96,6 @@ class MultipleShooting:
         self.speed_indices = [k for k, name in enumerate(self.arm.state_names) if "velocity" in name]
         self.state_limits = get_state_limits(self.arm)
         self.gains = compute_torque_per_input(self.arm)
-        self.torsion_limits = (
-            LIKELIHOOD.initial_torsion_limit
-            * compute_rated_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
-        )
         self.input_cache: dict[bytes, tuple[Array, Array]] = {}
         effects, whole = self.arm.manifest["effects"], ("amplitudes", "shapes")
         self.input_parameters = find_parameter_indices(self.arm, (e for e in effects if e["place"] == "input"), *whole)
@@ -104,13 +103,10 @@ class MultipleShooting:
         self.memory_amplitudes = find_memory_amplitudes(self.arm)
         self.counter_lock = Lock()
 
-    def _choose_step_limit(self) -> float:
-        """Choose the longest step, s, that keeps the springs stable under the required torque. The robot file's own
-        step was checked by the build and is always short enough."""
-        torque = np.abs(compute_required_torque(self.arm, self.record).torque)
-        return self.arm.stability.longest_step_under_load(
-            self.arm, LIKELIHOOD.torque_margin * np.quantile(torque, LIKELIHOOD.torque_quantile, axis=0)
-        )
+    def _choose_step_limit(self, load: Array) -> float:
+        """Choose the longest step, s, that keeps the springs stable under torques (n, N m) of the joints. The robot
+        file's own step was checked by the build and is always short enough."""
+        return self.arm.stability.longest_step_under_load(self.arm, load)
 
     def _arm_with(self, p: Array) -> Arm:
         """Return the arm with parameters ``p``. Its slowed states all take the longest step of any lane: otherwise
@@ -219,7 +215,8 @@ class MultipleShooting:
             return self._integrate_group(seat, [self._prepare_lane(lane)])[0].copy()
 
     def measured_initial_states(self, p: Array) -> Array:
-        """Read the initial states from the sensors. No spring begins with more torsion than it bears.
+        """Read the initial states from the sensors; a side of a gear that has none is where the robot file's parameters
+        place it.
 
         Args:
             p: parameters (np) of the sensors.
@@ -228,14 +225,19 @@ class MultipleShooting:
             Positions and velocities (W, m) at the windows' starts.
 
         """
-        x = undo_sensor_effects(
-            self.arm.with_parameters(p), self.record.initial_states.copy(), range(1, self.arm.n + 1)
-        )
-        for j, most in zip(self.arm.manifest["flexible"], self.torsion_limits, strict=True):
-            motor, joint = (self.arm.index(f"{side}_position_{j}") for side in ("motor", "joint"))
-            base = x[:, motor] / self.arm.parameters[f"ratio_{j}"]
-            x[:, joint] = base - np.clip(base - x[:, joint], -most, most)
-        return x[:, : self.m]
+        return self.initial_states.read(self.arm.with_parameters(p))
+
+    def filtered_initial_states(self, p: Array) -> Array:
+        """Read the initial states from the sensors; a side of a gear that has none is where the parameters place it.
+
+        Args:
+            p: parameters (np) of the whole model.
+
+        Returns:
+            Positions and velocities (W, m) at the windows' starts.
+
+        """
+        return self.initial_states.filter(self._arm_with(p))
 
     def nominal_start(self) -> tuple[Array, Array]:
         """Return the robot file's parameters (np) and the measured initial states (W, m)."""

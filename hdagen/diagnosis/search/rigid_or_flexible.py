@@ -155,7 +155,7 @@ def _start_spring_fits(
     spring_fits: list[Fit] = []
     for size in SEARCH.spring_sizes:
         p = _set_springs(shooting.arm, words, springs, shooting.arm.p.copy(), size)
-        at = compute_sensitivities(shooting, words, OperatingPoint(p, shooting.measured_initial_states(p)))
+        at = compute_sensitivities(shooting, words, OperatingPoint(p, shooting.filtered_initial_states(p)))
         spring_fits.append(start_fit(at, words, springs, near))
     if not beside or max(fit.score.evidence for fit in spring_fits) >= lead.evidence_here:
         return at, drop_hopeless_starts(spring_fits)
@@ -165,7 +165,7 @@ def _start_spring_fits(
     for size in SEARCH.spring_sizes:
         p = _set_springs(shooting.arm, words, springs, _carry_over_parameters(shooting.arm, lead), size)
         both.append(
-            start_fit(at, words, (*springs, *beside), near, OperatingPoint(p, shooting.measured_initial_states(p)))
+            start_fit(at, words, (*springs, *beside), near, OperatingPoint(p, shooting.filtered_initial_states(p)))
         )
     return at, [*drop_hopeless_starts(field), *drop_hopeless_starts(both)]
 

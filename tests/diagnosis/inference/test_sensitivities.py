@@ -97,7 +97,7 @@ def test_a_set_begins_anew_from_the_robot_files_numbers_with_its_own_effects(mon
         Candidate(EFFECTS["contact"], 1, ("contact_stiffness_above_1",), {"contact_above_1": 1.0}, True),
     )
     bent = SimpleNamespace(p=np.array([9.0, 0.5, 70.0, 0.8]))
-    shooting = SimpleNamespace(arm=arm, measured_initial_states=lambda p: p[:1])
+    shooting = SimpleNamespace(arm=arm, filtered_initial_states=lambda p: p[:1])
     at = SimpleNamespace(shooting=shooting, point=bent)
     fit: Any = SimpleNamespace(
         sensitivities=at, score=SimpleNamespace(posterior=SimpleNamespace(s=0.1)), noise_only_evidence=-1.0
