@@ -75,7 +75,9 @@ class MultipleShooting:
         torque = np.abs(compute_required_torque(self.arm, record).torque)
         load = LIKELIHOOD.torque_margin * np.quantile(torque, LIKELIHOOD.torque_quantile, axis=0)
         self.initial_states = InitialStates(self.arm, record, load)
-        self.longest_step = min(self.longest_step, max(self._choose_step_limit(load), self.arm.step_size))
+        # the robot file's own step was checked by the build and is always short enough
+        stable = max(self.arm.stability.longest_step_under_load(self.arm, load), self.arm.step_size)
+        self.longest_step = min(self.longest_step, stable)
         self.all_windows, self.selected_windows = (
             WindowSchedule.all_windows(record),
             WindowSchedule.selected_windows(record),
@@ -102,11 +104,6 @@ class MultipleShooting:
         self.memory_parameters = find_parameter_indices(self.arm, (e for e in effects if e["states"]), *whole)
         self.memory_amplitudes = find_memory_amplitudes(self.arm)
         self.counter_lock = Lock()
-
-    def _choose_step_limit(self, load: Array) -> float:
-        """Choose the longest step, s, that keeps the springs stable under torques (n, N m) of the joints. The robot
-        file's own step was checked by the build and is always short enough."""
-        return self.arm.stability.longest_step_under_load(self.arm, load)
 
     def _arm_with(self, p: Array) -> Arm:
         """Return the arm with parameters ``p``. Its slowed states all take the longest step of any lane: otherwise

@@ -100,8 +100,8 @@ def test_no_filter_looks_at_what_is_held_out(arm: Arm, log: Log) -> None:
     records = [cut(arm, each, hidden) for each in (one, Log(one.time, other, one.n_joints, one.source))]
     kept = records[0].selected_windows
     assert (records[0].starts[kept] > 600).any()
-    found = [InitialStates(arm, record, np.zeros(arm.n)).filter(arm)[kept] for record in records]
-    np.testing.assert_array_equal(*found)
+    plain, changed = (InitialStates(arm, record, np.zeros(arm.n)).filter(arm)[kept] for record in records)
+    np.testing.assert_array_equal(changed, plain)
 
 
 def test_a_spring_begins_with_what_the_motion_asks_of_it(arm: Arm, log: Log) -> None:
@@ -109,9 +109,9 @@ def test_a_spring_begins_with_what_the_motion_asks_of_it(arm: Arm, log: Log) -> 
     record = cut(arm, log)
     joint = arm.index("joint_position_1")
     record.initial_states[:, joint] -= 10.0  # far from its motor
-    small, large = (InitialStates(arm, record, load).read(arm) for load in (0.1 * compute_rated_torque(arm),
-                                                                            3.0 * compute_rated_torque(arm)))  # fmt: skip
+    low, high = 0.1 * compute_rated_torque(arm), 3.0 * compute_rated_torque(arm)
+    small, large = (InitialStates(arm, record, load).read(arm) for load in (low, high))
     rated = compute_rated_torsion(arm)[0]
     np.testing.assert_allclose(read_torsions(arm, small)[:, 0], LIKELIHOOD.initial_torsion_limit * rated, rtol=1e-9)
-    wanted = arm.evaluate("torsion", joint_torque=3.0 * compute_rated_torque(arm))["torsion"][0]
+    wanted = arm.evaluate("torsion", joint_torque=high)["torsion"][0]
     np.testing.assert_allclose(read_torsions(arm, large)[:, 0], abs(wanted), rtol=1e-9)
