@@ -34,7 +34,7 @@ class InitialStates:
     Attributes:
         arm: the model, with the robot file's parameters.
         record: the log in windows.
-        load: torques (n, N m) up to which the joints are loaded; no spring begins with more torsion than it has there.
+        load: torques (n, N m) that the motion may ask of the joints.
 
     """
 
@@ -65,16 +65,18 @@ class InitialStates:
 
         """
         torsions, selected = self._nominal_torsions.copy(), self.record.selected_windows
-        if self._half_seen_joints:
-            torsions[selected] = self._filter_torsions(arm, selected)
+        torsions[selected] = self._filter_torsions(arm, selected)
         return self._place_hidden_sides(arm, torsions)
 
     @cached_property
     def _half_seen_joints(self) -> list[int]:
         """The flexible joints (F) with a reading of one side alone."""
-        seen = {(side, j) for j in self.arm.manifest["flexible"] for side in ("motor", "joint")
-                if (f"{side}_position", j) in self._readings.outputs}  # fmt: skip
-        return [j for j in self.arm.manifest["flexible"] if (("motor", j) in seen) != (("joint", j) in seen)]
+        read = self._readings.outputs
+        return [
+            j
+            for j in self.arm.manifest["flexible"]
+            if (("motor_position", j) in read) != (("joint_position", j) in read)
+        ]
 
     @cached_property
     def _readings(self) -> Readings:
@@ -111,7 +113,7 @@ class InitialStates:
         for k, j in enumerate(self._half_seen_joints):
             ratio = arm.parameters[f"ratio_{j}"]
             for column, quantity in enumerate(("position", "velocity")):
-                motor, joint = (arm.index(f"{side}_{quantity}_{j}") for side in ("motor", "joint"))
+                motor, joint = _find_sides(arm, quantity, j)
                 torsions[:, k, column] = x[:, motor] / ratio - x[:, joint]
         return torsions
 
@@ -122,7 +124,7 @@ class InitialStates:
         for k, j in enumerate(self._half_seen_joints):
             ratio, is_motor_seen = arm.parameters[f"ratio_{j}"], ("motor_position", j) in self._readings.outputs
             for column, quantity in enumerate(("position", "velocity")):
-                motor, joint = (arm.index(f"{side}_{quantity}_{j}") for side in ("motor", "joint"))
+                motor, joint = _find_sides(arm, quantity, j)
                 if is_motor_seen:
                     x[:, joint] = x[:, motor] / ratio - torsions[:, k, column]
                 else:
@@ -132,7 +134,12 @@ class InitialStates:
             np.abs(arm.evaluate("torsion", joint_torque=self.load)["torsion"]),
         )
         for j in arm.manifest["flexible"]:
-            motor, joint = (arm.index(f"{side}_position_{j}") for side in ("motor", "joint"))
+            motor, joint = _find_sides(arm, "position", j)
             base = x[:, motor] / arm.parameters[f"ratio_{j}"]
             x[:, joint] = base - np.clip(base - x[:, joint], -most[j - 1], most[j - 1])
         return np.asarray(x[:, : count_mechanical_states(arm)])
+
+
+def _find_sides(arm: Arm, quantity: str, j: int) -> tuple[int, int]:
+    """The indices in x of a quantity before and behind the gear of a flexible joint."""
+    return arm.index(f"motor_{quantity}_{j}"), arm.index(f"joint_{quantity}_{j}")

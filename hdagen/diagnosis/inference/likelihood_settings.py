@@ -66,7 +66,7 @@ class LikelihoodSettings:
     initial_torsion_limit: float = declare_setting(
         0.7,
         "of the torsion at the largest input",
-        "largest torsion that a window begins with, unless the motion asks for more: a wrong reading has no limit",
+        "largest torsion that a window begins with, unless the motion asks for more: two encoders may differ by more",
     )
     sequential_rollouts: int = declare_setting(2, "lanes", "so few lanes run faster one by one than in a vector")
     torque_quantile: float = declare_setting(0.999, "1", "quantile of the required torque that lanes are prepared for")
