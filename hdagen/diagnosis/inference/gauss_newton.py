@@ -69,8 +69,8 @@ def _restart_bad_windows(at: Sensitivities, s: float) -> Sensitivities:
     far = left > FIT.bad_window_ratio * linear.normal_equations(s).degrees_of_freedom
     if not far.any():
         return at
-    begun = at.point.initial_states.copy()
-    begun[kept[far]] = at.shooting.filtered_initial_states(at.point.p)[kept[far]]
+    begun, bad = at.point.initial_states.copy(), kept[far]
+    begun[bad] = at.shooting.filtered_initial_states(at.point.p, bad)[bad]
     again = at.at_point(at.point.with_initial_states(begun)).linear_model()
     stays = again.chi2(s) > left - FIT.largest_chi2_rise
     begun[kept[stays]] = at.point.initial_states[kept[stays]]

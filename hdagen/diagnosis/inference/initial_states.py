@@ -54,18 +54,19 @@ class InitialStates:
         """
         return self._place_hidden_sides(arm, self._nominal_torsions)
 
-    def filter(self, arm: Arm) -> Array:
-        """Read the states from the sensors; a hidden torsion is filtered in the selected windows.
+    def filter(self, arm: Arm, windows: Rows) -> Array:
+        """Read the states from the sensors; a hidden torsion is filtered with the model's parameters in some windows.
 
         Args:
             arm: the model with the parameters of sensors and filters.
+            windows: places of these windows; the others keep the robot file's torsions.
 
         Returns:
             Positions and velocities (W, m).
 
         """
-        torsions, selected = self._nominal_torsions.copy(), self.record.selected_windows
-        torsions[selected] = self._filter_torsions(arm, selected)
+        torsions = self._nominal_torsions.copy()
+        torsions[windows] = self._filter_torsions(arm, windows)
         return self._place_hidden_sides(arm, torsions)
 
     @cached_property

@@ -224,17 +224,21 @@ class MultipleShooting:
         """
         return self.initial_states.read(self.arm.with_parameters(p))
 
-    def filtered_initial_states(self, p: Array) -> Array:
+    def filtered_initial_states(self, p: Array, windows: Rows | None = None) -> Array:
         """Read the initial states from the sensors; a side of a gear that has none is where the parameters place it.
 
         Args:
             p: parameters (np) of the whole model.
+            windows: places of the windows where they do; elsewhere the robot file's parameters place it. Default: the
+                selected windows.
 
         Returns:
             Positions and velocities (W, m) at the windows' starts.
 
         """
-        return self.initial_states.filter(self._arm_with(p))
+        if windows is None:
+            windows = self.record.selected_windows
+        return self.initial_states.filter(self._arm_with(p), windows)
 
     def nominal_start(self) -> tuple[Array, Array]:
         """Return the robot file's parameters (np) and the measured initial states (W, m)."""

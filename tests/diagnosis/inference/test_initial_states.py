@@ -78,7 +78,7 @@ def test_a_softer_gear_is_filtered_with_its_own_torsion(arm: Arm, log: Log) -> N
     soft = arm.with_parameters(p)
     np.testing.assert_array_equal(states.read(soft), states.read(arm))  # the sensors know nothing of stiffness
     late = states.record.selected_windows[states.record.starts[states.record.selected_windows] > 100]
-    usual, twisted = (read_torsions(arm, states.filter(one))[late, 0] for one in (arm, soft))
+    usual, twisted = (read_torsions(arm, states.filter(one, states.record.selected_windows))[late, 0] for one in (arm, soft))
     assert np.std(twisted) > 1.2 * np.std(usual)
 
 
@@ -87,7 +87,7 @@ def test_two_encoders_leave_nothing_to_filter(arm: Arm, log: Log) -> None:
     p = arm.p.copy()
     p[arm.parameters.index("mass_1")] *= 2.0
     soft = arm.with_parameters(p)
-    np.testing.assert_array_equal(states.filter(soft), states.read(arm))
+    np.testing.assert_array_equal(states.filter(soft, states.record.selected_windows), states.read(arm))
 
 
 def test_no_filter_looks_at_what_is_held_out(arm: Arm, log: Log) -> None:
@@ -100,7 +100,7 @@ def test_no_filter_looks_at_what_is_held_out(arm: Arm, log: Log) -> None:
     records = [cut(arm, each, hidden) for each in (one, Log(one.time, other, one.n_joints, one.source))]
     kept = records[0].selected_windows
     assert (records[0].starts[kept] > 600).any()
-    plain, changed = (InitialStates(arm, record, np.zeros(arm.n)).filter(arm)[kept] for record in records)
+    plain, changed = (InitialStates(arm, record, np.zeros(arm.n)).filter(arm, kept)[kept] for record in records)
     np.testing.assert_array_equal(changed, plain)
 
 
