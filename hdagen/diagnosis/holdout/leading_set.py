@@ -8,6 +8,10 @@ Ordinary frictions, those that a robot file states, need less. Every drive has t
 friction is not. A set whose frictions are all ordinary takes the lead in two cases. Either it leaves less of the unseen
 motion, by more than a small effect may. Or the leader has a rarer friction, leaves many times the noise, and tells that
 motion about as well only.
+
+Wrong numbers of the robot file need more. They are many, and a few of them together move an arm much as an effect does.
+Where effects alone, no more of them, leave no more of the unseen motion than a leader with such numbers, both share the
+probability: neither is sure.
 """
 
 from __future__ import annotations
@@ -40,7 +44,8 @@ def lead_on_unseen_motion(decision: Decision, measure: Callable[[Decision], Gap]
     if decision.is_unknown or decision.direct_evidence or not decision.verdict:
         return decision
     decision = _lead_with_better_set(decision, measure)
-    return _lead_with_ordinary_frictions(decision, measure)
+    decision = _lead_with_ordinary_frictions(decision, measure)
+    return _share_with_effects_alone(decision, measure)
 
 
 def _lead_with_better_set(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
@@ -80,6 +85,26 @@ def _lead_with_ordinary_frictions(decision: Decision, measure: Callable[[Decisio
     return best if is_rare and is_gap_alike(told, ordinary) else decision
 
 
+def _share_with_effects_alone(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
+    """Share the probability of a leader that has numbers of the robot file, other than its frictions, with the best set
+    of no more effects and no such number, where that leaves no more."""
+    members = decision.best.sensitivities.candidates.members
+    numbers = decision.numbers - {one.name for one in members if one.traits.is_friction}
+    if numbers.isdisjoint(decision.verdict):
+        return decision
+    others = [
+        h
+        for h in decision.hypotheses
+        if h.fit and 0 < len(h.names) <= len(decision.verdict) and not h.is_unknown and numbers.isdisjoint(h.names)
+    ]
+    tried = {one.names: one for one in others[: HOLDOUT_CHECK.most_tried_sets]}
+    gaps = {names: float(measure(exchange_leader(decision, one))["after"]) for names, one in tried.items()}
+    best = min(gaps, key=lambda names: gaps[names], default=())
+    if not best or gaps[best] > float(measure(decision)["after"]):
+        return decision
+    return _place_shares(decision, tried[best], 0.5)
+
+
 def _list_frictions(fit: Fit) -> frozenset[str]:
     """The frictions of a fit, name@joint."""
     members = fit.sensitivities.candidates.members
@@ -99,17 +124,27 @@ def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:
 
     """
     assert other.fit is not None
+    shared = _place_shares(decision, other, HOLDOUT_CHECK.former_leader_odds / (1.0 + HOLDOUT_CHECK.former_leader_odds))
+    probability = next(h.probability for h in shared.hypotheses if h.names == other.names)
+    return replace(
+        shared,
+        verdict=other.names,
+        probability=probability,
+        uncalibrated_probability=probability,
+        best=other.fit,
+    )
+
+
+def _place_shares(decision: Decision, other: Hypothesis, kept: float) -> Decision:
+    """The decision whose leader keeps a share of its own and another set's probability, and the other one has the rest."""
     lead = next(h for h in decision.hypotheses if h.names == decision.verdict)
     both = lead.probability + other.probability
-    kept = both * HOLDOUT_CHECK.former_leader_odds / (1.0 + HOLDOUT_CHECK.former_leader_odds)
-    first, second = replace(other, probability=both - kept), replace(lead, probability=kept)
+    first, second = replace(lead, probability=kept * both), replace(other, probability=(1.0 - kept) * both)
     rest = [h for h in decision.hypotheses if h not in (lead, other)]
     found = sorted([first, second, *rest], key=lambda h: -h.probability)
     return replace(
         decision,
         hypotheses=tuple(found),
-        verdict=other.names,
         probability=first.probability,
         uncalibrated_probability=first.probability,
-        best=other.fit,
     )

@@ -19,8 +19,9 @@ from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet,
 LEAD, OTHER, THIRD = ("torque_ripple@1",), ("coulomb_friction@1",), ("coulomb_friction@1", "viscous_friction@1")
 
 
-MEMBERS = ("coulomb_friction@1", "viscous_friction@1", "position_dependent_friction@1", "torque_ripple@1")
+MEMBERS = ("coulomb_friction@1", "viscous_friction@1", "position_dependent_friction@1", "torque_ripple@1", "mass@1")
 STATED = MEMBERS[:2]  # keys of the robot file
+NUMBERS = MEMBERS[:1] + MEMBERS[4:]  # whose size may be wrong by a factor
 
 
 def make_fit(names: tuple[str, ...]) -> Any:
@@ -28,7 +29,7 @@ def make_fit(names: tuple[str, ...]) -> Any:
     members, columns = [], []
     for k, name in enumerate(MEMBERS):
         effect, _, joint = name.partition("@")
-        members.append(Candidate(EFFECTS[effect], int(joint), (effect,), {}, True))
+        members.append(Candidate(EFFECTS[effect], int(joint), (effect,), {}, True, name in NUMBERS))
         columns.append(Column(effect, k, 0.0, 1.0, 0.1, k, name in STATED))
     candidates = CandidateSet(tuple(members), tuple(columns))
     effects = tuple(MEMBERS.index(name) for name in names)
@@ -128,3 +129,34 @@ def test_a_set_with_the_leaders_frictions_takes_no_lead_from_it() -> None:
     fits = {names: make_fit(names) for names in (first, other)}
     found = (Hypothesis(first, 0.9, fits[first]), Hypothesis(other, 0.05, fits[other]))
     assert lead({first: 5.0, other: 3.0}, Decision(found, first, 0.9, 0.95, fits[first])).verdict == first
+
+
+NUMBER, EFFECT, PAIR = ("mass@1",), ("torque_ripple@1",), ("position_dependent_friction@1", "torque_ripple@1")
+
+
+def lead_numbers(first: tuple[str, ...], gaps: dict[tuple[str, ...], float]) -> Decision:
+    """The decision where ``first`` leads surely, by what it and other sets leave."""
+    fits = {names: make_fit(names) for names in gaps}
+    found = [Hypothesis(names, 0.98 if names == first else 0.0, fits[names]) for names in gaps]
+    return lead(gaps, Decision(tuple(found), first, 0.98, 0.99, fits[first]))
+
+
+def test_a_wrong_number_is_not_sure_beside_an_effect_that_leaves_no_more() -> None:
+    found = lead_numbers(NUMBER, {NUMBER: 70.8, EFFECT: 67.0, PAIR: 60.0})
+    assert found.verdict == NUMBER and found.best.names == NUMBER and not found.is_sure
+    assert [(h.names, h.probability) for h in found.hypotheses] == [(NUMBER, 0.49), (EFFECT, 0.49), (PAIR, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("first", "gaps", "why"),
+    [
+        (NUMBER, {NUMBER: 2.1, EFFECT: 2.2}, "the effect leaves more"),
+        (NUMBER, {NUMBER: 2.1, PAIR: 1.5}, "two effects are more than one number"),
+        (EFFECT, {EFFECT: 2.1, ("position_dependent_friction@1",): 2.0}, "no number leads"),
+        (("coulomb_friction@1",), {("coulomb_friction@1",): 2.1, EFFECT: 2.0}, "every drive has friction"),
+        (EFFECT, {EFFECT: 2.1, NUMBER: 2.0}, "the number leaves less, and is the rarer cause"),
+    ],
+)
+def test_a_leader_stays_sure_otherwise(first: tuple[str, ...], gaps: dict[tuple[str, ...], float], why: str) -> None:
+    found = lead_numbers(first, gaps)
+    assert (found.verdict, found.probability) == (first, 0.98), why

@@ -77,8 +77,9 @@ def test_a_softer_gear_is_filtered_with_its_own_torsion(arm: Arm, log: Log) -> N
     p[arm.parameters.index("flexspline_stiffness_1")] *= 0.5
     soft = arm.with_parameters(p)
     np.testing.assert_array_equal(states.read(soft), states.read(arm))  # the sensors know nothing of stiffness
-    late = states.record.selected_windows[states.record.starts[states.record.selected_windows] > 100]
-    usual, twisted = (read_torsions(arm, states.filter(one, states.record.selected_windows))[late, 0] for one in (arm, soft))
+    selected = states.record.selected_windows
+    late = selected[states.record.starts[selected] > 100]
+    usual, twisted = (read_torsions(arm, states.filter(one, selected))[late, 0] for one in (arm, soft))
     assert np.std(twisted) > 1.2 * np.std(usual)
 
 
