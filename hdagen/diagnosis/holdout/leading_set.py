@@ -136,7 +136,7 @@ def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:
 
 
 def _place_shares(decision: Decision, other: Hypothesis, kept: float) -> Decision:
-    """The decision whose leader keeps a share of its own and another set's probability, and the other one has the rest."""
+    """The decision whose leader keeps a share of the probability of both, and another set the rest."""
     lead = next(h for h in decision.hypotheses if h.names == decision.verdict)
     both = lead.probability + other.probability
     first, second = replace(lead, probability=kept * both), replace(other, probability=(1.0 - kept) * both)
