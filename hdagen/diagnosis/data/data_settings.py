@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hdagen.diagnosis.data.development_logs import EARLIER_LOGS
+from hdagen.diagnosis.data.development_logs import EARLIER_LOGS, JOINT_ARMS
 from hdagen.support.setting_declaration import declare_setting
 
 
@@ -21,12 +21,21 @@ class DataSettings:
     fewest_holdout_spans: int = declare_setting(
         4, "spans", "a shorter log is cut into as many spans, so that its blocks lie all over it, too"
     )
-    window_length: float = declare_setting(0.05, "s", "short enough that a wrong parameter bends the motion little")
+    window_length: float = declare_setting(
+        0.1,
+        "s",
+        "short: a wrong parameter bends the motion little; long: what torque moves grows with the square of the time, "
+        "what an encoder errs by does not",
+        JOINT_ARMS,
+    )
     fewest_window_rows: int = declare_setting(25, "rows", "rows of a window at least: slow logs get longer windows")
     shortest_last_window: float = declare_setting(
         0.5, "of a window", "the last window of a stretch may be this short; a shorter rest is left out"
     )
-    most_selected_windows: int = declare_setting(96, "windows", "windows that are fitted at most: time and memory")
+    selected_rows: int = declare_setting(2400, "rows", "rows that the fitted windows have together: time and memory")
+    fewest_selected_windows: int = declare_setting(
+        48, "windows", "windows that are fitted at least, however many rows they have: they lie all over the log"
+    )
     most_sampled_values: int = declare_setting(
         18_000, "rows times channels", "values that are fitted at most: time and memory"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hdagen.diagnosis.data.development_logs import JOINT_ARMS
 from hdagen.support.setting_declaration import declare_setting
 
 
@@ -15,7 +16,10 @@ class LikelihoodSettings:
         12.0, "1", "temperature in fits and decisions: local optima of one log differ by as much log evidence"
     )
     torque_steps: int = declare_setting(
-        16, "steps", "steps of residual torque in a window, shared by all motors and links: bounds time and memory"
+        32,
+        "steps",
+        "steps of residual torque in a window, shared by all motors and links: bounds time and memory",
+        JOINT_ARMS,
     )
     fewest_torque_steps: int = declare_setting(2, "steps", "steps for each motor or link at least")
     fewest_rows_of_step: int = declare_setting(3, "rows", "rows in a step at least: a step needs data of its own")
