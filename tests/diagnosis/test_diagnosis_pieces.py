@@ -260,10 +260,11 @@ def test_a_held_step_stays_within_bounds() -> None:
 @pytest.mark.parametrize(
     "joints, flexible, rows, expected",
     [
-        (1, 0, 50, LIKELIHOOD.torque_steps),
-        (1, 1, 50, LIKELIHOOD.torque_steps // 2),
-        (2, 2, 50, LIKELIHOOD.torque_steps // 4),
-        (6, 6, 50, LIKELIHOOD.fewest_torque_steps),
+        (1, 0, 100, LIKELIHOOD.torque_steps),
+        (1, 1, 100, LIKELIHOOD.torque_steps // 2),
+        (2, 2, 100, LIKELIHOOD.torque_steps // 4),
+        (6, 6, 100, LIKELIHOOD.fewest_torque_steps),
+        (1, 0, 50, 50 // 3),
         (1, 0, 25, 25 // 3),
     ],
 )

@@ -32,9 +32,12 @@ class DataSettings:
     shortest_last_window: float = declare_setting(
         0.5, "of a window", "the last window of a stretch may be this short; a shorter rest is left out"
     )
-    selected_rows: int = declare_setting(2400, "rows", "rows that the fitted windows have together: time and memory")
+    selected_rows: int = declare_setting(3600, "rows", "rows that the fitted windows have together: time and memory")
     fewest_selected_windows: int = declare_setting(
         48, "windows", "windows that are fitted at least, however many rows they have: they lie all over the log"
+    )
+    most_selected_windows: int = declare_setting(
+        96, "windows", "windows that are fitted at most, however few rows they have: initial states take time, too"
     )
     most_sampled_values: int = declare_setting(
         18_000, "rows times channels", "values that are fitted at most: time and memory"

@@ -82,9 +82,9 @@ class WindowedRecord:
         """Selected windows (K), spread evenly over those whose rows the fit may all use."""
         whole = [bool(self.visible_rows[a:b].all()) for a, b in zip(self.starts, self.ends, strict=True)]
         may = np.flatnonzero(whole)
-        rows = max(int((self.ends - self.starts).max()), 1)
-        most = max(DATA.fewest_selected_windows, DATA.selected_rows // rows)
-        return may[np.unique(np.linspace(0, len(may) - 1, min(len(may), most)).round().astype(int))]
+        wanted = round(DATA.selected_rows / float(np.mean(self.ends - self.starts)))
+        count = min(max(wanted, DATA.fewest_selected_windows), DATA.most_selected_windows, len(may))
+        return may[np.unique(np.linspace(0, len(may) - 1, count).round().astype(int))]
 
     @cached_property
     def sampled_rows(self) -> list[Rows]:
