@@ -2,7 +2,8 @@
 
 A probability says how well a set of effects tells the short windows that it was fitted to. Another set may tell other
 motion far better. So the next sets are replayed on motion that no fit saw, and one that leaves several times as much of
-it as another cannot lead: the better one takes its place. It is not sure then, as the windows say otherwise.
+it as another cannot lead: the better one takes its place. It is not sure then, as the windows say otherwise. No effect
+is such a set, too: effects too small to count as present may make most of a gap.
 
 Ordinary frictions, those that a robot file states, need less. Every drive has them, so they are expected where a rarer
 friction is not. A set whose frictions are all ordinary takes the lead in two cases. Either it leaves less of the unseen
@@ -41,9 +42,11 @@ def lead_on_unseen_motion(decision: Decision, measure: Callable[[Decision], Gap]
         The decision, or that for the set that leaves least, the most probable of the others that were fitted.
 
     """
-    if decision.is_unknown or decision.direct_evidence or not decision.verdict:
+    if decision.is_unknown or decision.direct_evidence:
         return decision
     decision = _lead_with_better_set(decision, measure)
+    if not decision.verdict:
+        return decision
     decision = _lead_with_ordinary_frictions(decision, measure)
     return _share_with_effects_alone(decision, measure)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -79,6 +80,15 @@ def test_the_set_that_tells_unseen_motion_several_times_better_leads_and_is_not_
 def test_the_most_probable_set_leads_otherwise(gaps: dict[tuple[str, ...], float], why: str) -> None:
     decision = decide()
     assert lead(gaps, decision) is decision, why
+
+
+def test_an_effect_that_makes_most_of_a_gap_leads_though_it_is_too_small_to_count() -> None:
+    decision = replace(decide(), verdict=(), probability=0.005)
+    found = lead({(): 21.5, LEAD: 4.0, OTHER: 20.0, THIRD: 20.0}, decision)
+    assert found.verdict == LEAD and not found.is_sure
+    assert lead({(): 21.5, LEAD: 8.0, OTHER: 20.0, THIRD: 20.0}, decision) is decision
+    near_the_noise = 0.9 * DATA.significant_noise_multiple
+    assert lead({(): near_the_noise, LEAD: 1.0, OTHER: 1.0, THIRD: 1.0}, decision) is decision
 
 
 def test_where_something_unknown_is_said_no_set_leads() -> None:
