@@ -32,16 +32,16 @@ def draw_long_horizon() -> Figure:
     """Velocity errors of a fast torque and of a lasting one, over a short and over a long window."""
     rng = np.random.default_rng(5)
     time = np.arange(0.0, 0.25, 1e-3)
-    walks = 0.4 * np.cumsum(rng.normal(size=(200, len(time))), axis=1) * 1e-2
+    walks = 0.52 * np.cumsum(rng.normal(size=(200, len(time))), axis=1) * 1e-2
     lasting = 0.5 * time
     rms = np.sqrt((walks**2).mean(0))
     figure, (left, right) = make_panels(2)
-    for panel, end in ((left, 0.05), (right, 0.25)):
+    for panel, end in ((left, 0.1), (right, 0.25)):
         inside = time <= end
         panel.plot(time[inside], rms[inside], color=ORANGE, label="fast torque (random), rms")
         panel.plot(time[inside], lasting[inside], color=BLUE, label="lasting torque (an effect)")
         panel.set(xlabel="time in the window, s", ylabel="error of speed", yticks=[], xlim=(0, end))
-    left.set_title("0.05 s: the random torque hides the effect")
+    left.set_title("0.1 s: the random torque hides the effect")
     right.set_title("0.25 s: the effect stands out")
     left.legend(fontsize=8)
     return figure

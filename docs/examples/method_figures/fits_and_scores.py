@@ -36,21 +36,21 @@ def draw_null_model() -> Figure:
     angle = 0.4 * np.sin(14.0 * time)
     figure, (left, right) = make_panels(2)
     left.plot(time, angle, color=GREY, lw=2.5, label="measured")
-    edges = np.arange(0.0, 0.3, 0.05)
+    edges = np.arange(0.0, 0.3, 0.1)
     for k, edge in enumerate(edges):
-        inside = (time >= edge) & (time <= edge + 0.05)
-        bend = 90.0 * (time[inside] - edge - 0.02) ** 2 * (-1.0) ** k
+        inside = (time >= edge) & (time <= edge + 0.1)
+        bend = 22.0 * (time[inside] - edge - 0.04) ** 2 * (-1.0) ** k
         left.plot(time[inside], angle[inside] + bend, color=BLUE, label="model, own initial state" if not k else None)
     mark_windows(left, edges)
-    left.set(xlabel="time, s", ylabel="angle, rad", title="windows of 0.05 s")
+    left.set(xlabel="time, s", ylabel="angle, rad", title="windows of 0.1 s")
     left.legend(fontsize=8)
-    inside = np.linspace(0.0, 0.05, 200)
-    lacking = 0.8 + 0.5 * np.sin(90.0 * inside)
-    middle = (np.arange(4) + 0.5) * 0.0125
+    inside = np.linspace(0.0, 0.1, 200)
+    lacking = 0.8 + 0.5 * np.sin(45.0 * inside)
+    middle = (np.arange(8) + 0.5) * 0.0125
     right.plot(inside, lacking, color=GREY, label="torque that the model lacks")
-    right.stairs(0.8 + 0.5 * np.sin(90.0 * middle), np.linspace(0.0, 0.05, 5), color=ORANGE, label="residual torque d")
+    right.stairs(0.8 + 0.5 * np.sin(45.0 * middle), np.linspace(0.0, 0.1, 9), color=ORANGE, label="residual torque d")
     right.set(
-        xlabel="time in the window, s", ylabel="torque, units of 2 %", title="2 flexible joints: 4 steps at each port"
+        xlabel="time in the window, s", ylabel="torque, units of 2 %", title="2 flexible joints: 8 steps at each port"
     )
     right.set_ylim(0.0, 2.1)
     right.legend(fontsize=8)
