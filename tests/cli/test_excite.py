@@ -70,7 +70,7 @@ def robot(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def found(arm: Arm) -> Excitation:
-    return excite(arm, ("viscous_friction", "thermal_friction"), duration=SECONDS)
+    return excite(arm, ("stribeck_friction", "presliding_friction"), duration=SECONDS)
 
 
 def kept(arm: Arm, name: str, **limits: tuple[float, ...]) -> SafeRun:
@@ -117,8 +117,8 @@ def test_logs_are_told_apart_by_as_much_as_was_predicted(arm: Arm, pair: tuple[s
 
 
 def test_the_motion_that_is_predicted_to_be_better_is_better(arm: Arm) -> None:
-    """The stubborn pair of viscous and thermal friction: order of four motions, from little to plenty."""
-    pair = ("viscous_friction", "thermal_friction")
+    """Two frictions near rest: order of four motions, from little to plenty."""
+    pair = ("stribeck_friction", "presliding_friction")
     predicted: list[float] = []
     seen: list[float] = []
     for name, limits in (("fine reversals", {}), ("multisine to 25 Hz", {}), (SLOW, {"speed": (0.1,)}), (MIXED, {})):
@@ -138,7 +138,7 @@ def test_states_as_encoders_measure_them_change_little(arm: Arm) -> None:
 
 
 def test_the_same_arm_gives_the_same_motion_to_the_bit(arm: Arm, found: Excitation) -> None:
-    again = excite(arm, ("viscous_friction@1", "thermal_friction@1"), duration=SECONDS)
+    again = excite(arm, ("stribeck_friction@1", "presliding_friction@1"), duration=SECONDS)
     assert [t.separations for t in again.tried_motions] == [t.separations for t in found.tried_motions]
     assert np.array_equal(again.reference.position, found.reference.position)
 
