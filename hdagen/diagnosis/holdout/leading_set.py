@@ -44,11 +44,18 @@ def lead_on_unseen_motion(decision: Decision, measure: Callable[[Decision], Gap]
     """
     if decision.is_unknown or decision.direct_evidence:
         return decision
-    decision = _lead_with_better_set(decision, measure)
+    gaps: dict[tuple[str, ...], Gap] = {}
+
+    def measure_once(one: Decision) -> Gap:
+        if one.verdict not in gaps:
+            gaps[one.verdict] = measure(one)  # a replay
+        return gaps[one.verdict]
+
+    decision = _lead_with_better_set(decision, measure_once)
     if not decision.verdict:
         return decision
-    decision = _lead_with_ordinary_frictions(decision, measure)
-    return _share_with_effects_alone(decision, measure)
+    decision = _lead_with_ordinary_frictions(decision, measure_once)
+    return _share_with_effects_alone(decision, measure_once)
 
 
 def _lead_with_better_set(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
@@ -105,7 +112,7 @@ def _share_with_effects_alone(decision: Decision, measure: Callable[[Decision], 
     best = min(gaps, key=lambda names: gaps[names], default=())
     if not best or gaps[best] > float(measure(decision)["after"]):
         return decision
-    return _place_shares(decision, tried[best], 0.5)
+    return _state_leader(decision, _find_leader(decision), tried[best], 0.5)
 
 
 def _list_frictions(fit: Fit) -> frozenset[str]:
@@ -127,27 +134,26 @@ def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:
 
     """
     assert other.fit is not None
-    shared = _place_shares(decision, other, HOLDOUT_CHECK.former_leader_odds / (1.0 + HOLDOUT_CHECK.former_leader_odds))
-    probability = next(h.probability for h in shared.hypotheses if h.names == other.names)
-    return replace(
-        shared,
-        verdict=other.names,
-        probability=probability,
-        uncalibrated_probability=probability,
-        best=other.fit,
-    )
+    odds = HOLDOUT_CHECK.former_leader_odds
+    return _state_leader(decision, other, _find_leader(decision), odds / (1.0 + odds))
 
 
-def _place_shares(decision: Decision, other: Hypothesis, kept: float) -> Decision:
-    """The decision whose leader keeps a share of the probability of both, and another set the rest."""
-    lead = next(h for h in decision.hypotheses if h.names == decision.verdict)
-    both = lead.probability + other.probability
-    first, second = replace(lead, probability=kept * both), replace(other, probability=(1.0 - kept) * both)
-    rest = [h for h in decision.hypotheses if h not in (lead, other)]
-    found = sorted([first, second, *rest], key=lambda h: -h.probability)
+def _find_leader(decision: Decision) -> Hypothesis:
+    """The hypothesis of the verdict."""
+    return next(h for h in decision.hypotheses if h.names == decision.verdict)
+
+
+def _state_leader(decision: Decision, lead: Hypothesis, second: Hypothesis, share: float) -> Decision:
+    """The decision for a set that leads, where a second one has a share of the probability of both."""
+    both = lead.probability + second.probability
+    first = replace(lead, probability=(1.0 - share) * both)
+    rest = [h for h in decision.hypotheses if h not in (lead, second)]
+    found = sorted([first, replace(second, probability=share * both), *rest], key=lambda h: -h.probability)
     return replace(
         decision,
         hypotheses=tuple(found),
+        verdict=first.names,
         probability=first.probability,
         uncalibrated_probability=first.probability,
+        best=first.fit or decision.best,
     )
