@@ -1,7 +1,8 @@
 /* A bank of extended Kalman filters: hdagen/prediction/kalman_filter.py says what they are, and after whom.
  *
  * All filters share the model's slopes, which are taken where the likeliest of them is, so that one filter's entry of a
- * covariance stands beside the others': the innermost loops run over filters.
+ * covariance stands beside the others': the innermost loops run over filters. Of filters that are told the same only
+ * the first one runs; the places behind those that run stay empty.
  */
 #include "hda_filters.h"
 
@@ -23,6 +24,7 @@ enum {
 typedef double lanes[HDA_FILTERS];
 
 typedef struct {
+    int count, which[HDA_FILTERS]; /* filters that run, and their places in the bank; an empty place is as the first */
     double x[HDA_FILTERS][HDA_NX];
     lanes extra[HDA_EXTRA_MOST], P[D_MOST][D_MOST];
     double slopes[HDA_MECHANICAL][D_MOST]; /* of x after a row by x and extra before; the extra fades, each by itself */
@@ -115,7 +117,7 @@ static void spread_covariance(filters *f, const hda_bank *bank, double fade) {
     for (int i = m; i < D; i++) {
         for (int j = m; j < D; j++) EACH(l) f->P[i][j][l] *= fade * fade;
         EACH(l) {
-            const double size = bank->spread[l * bank->extra + i - m];
+            const double size = bank->spread[f->which[l] * bank->extra + i - m];
             f->P[i][i][l] += size * size * (1.0 - fade * fade);
         }
     }
@@ -131,7 +133,7 @@ static void advance_filters(filters *f, const hda_bank *bank, const double *u, c
         memcpy(held[l], u, sizeof held[l]);
         for (int j = 0; j < HDA_N; j++) held[l][j] += f->extra[j][l];
     }
-    hda_step_side_by_side(f->x, (const double (*)[HDA_NU])held, c, h, steps, HDA_FILTERS);
+    hda_step_side_by_side(f->x, (const double (*)[HDA_NU])held, c, h, steps, f->count);
     EACH(l) {
         for (int k = 0; k < HDA_FLEXIBLE; k++) {
             const double push = f->extra[HDA_N + k][l] * dt;
@@ -146,13 +148,13 @@ static void advance_filters(filters *f, const hda_bank *bank, const double *u, c
 /* Filters that have left their limits begin anew where they began, and are not taken any more. */
 static void restart_lost(filters *f, const hda_bank *bank, const double *begun) {
     const int D = HDA_MECHANICAL + bank->extra;
-    EACH(l) {
+    for (int l = 0; l < f->count; l++) {
         int within = 1;
         for (int i = 0; i < HDA_NX; i++) within &= fabs(f->x[l][i]) <= bank->limit[i];
         for (int i = 0; i < HDA_MECHANICAL; i++) within &= fabs(f->P[i][i][l]) < bank->vague[i] * bank->vague[i];
         f->lost[l] = !within;
         if (within) continue;
-        memcpy(f->x[l], begun + l * HDA_NX, sizeof f->x[l]);
+        memcpy(f->x[l], begun + f->which[l] * HDA_NX, sizeof f->x[l]);
         for (int k = 0; k < bank->extra; k++) f->extra[k][l] = 0.0;
         for (int i = 0; i < D; i++) {
             for (int j = 0; j < D; j++) f->P[i][j][l] = 0.0;
@@ -163,7 +165,8 @@ static void restart_lost(filters *f, const hda_bank *bank, const double *begun) 
 /* What the channels show beside what is expected of each filter. */
 static void compare_channels(const filters *f, const hda_bank *bank, const double *u, const double *c,
                              const double *measured, lanes *error) {
-    EACH(l) {
+    for (int i = 0; i < bank->channels; i++) EACH(l) error[i][l] = 0.0;
+    for (int l = 0; l < f->count; l++) {
         double shown[HDA_CHANNELS_MOST], law[HDA_N], beyond[HDA_N], torque[HDA_N], angle[HDA_N], tip[HDA_TIP],
             rate[HDA_WRENCH];
         hda_outputs(f->x[l], u, c, shown, shown + HDA_N, law, beyond, torque, shown + 2 * HDA_N, shown + 3 * HDA_N,
@@ -238,19 +241,42 @@ static void correct_filters(filters *f, const hda_bank *bank, const double *u, c
     }
 }
 
+/* Whether filters a and b are told the same. */
+static int are_alike(const hda_bank *bank, const double *x, const double *extra, const double *covariance, int a,
+                     int b) {
+    const int E = bank->extra, D = HDA_MECHANICAL + E;
+    const size_t size = sizeof(double);
+    return !memcmp(bank->spread + a * E, bank->spread + b * E, (size_t)E * size) &&
+           !memcmp(x + a * HDA_NX, x + b * HDA_NX, HDA_NX * size) &&
+           !memcmp(extra + a * E, extra + b * E, (size_t)E * size) &&
+           !memcmp(covariance + a * D * D, covariance + b * D * D, (size_t)(D * D) * size);
+}
+
+static void begin_filters(filters *f, const hda_bank *bank, const double *x, const double *extra,
+                          const double *covariance) {
+    const int D = HDA_MECHANICAL + bank->extra;
+    memset(f, 0, sizeof *f);
+    EACH(l) {
+        int is_new = 1;
+        for (int k = 0; k < f->count; k++) is_new &= !are_alike(bank, x, extra, covariance, f->which[k], l);
+        if (is_new) f->which[f->count++] = l;
+    }
+    EACH(l) {
+        const int of = f->which[l];
+        memcpy(f->x[l], x + of * HDA_NX, sizeof f->x[l]);
+        for (int k = 0; k < bank->extra; k++) f->extra[k][l] = extra[of * bank->extra + k];
+        for (int i = 0; i < D; i++) {
+            for (int j = 0; j < D; j++) f->P[i][j][l] = covariance[(of * D + i) * D + j];
+        }
+        f->lost[l] = l >= f->count;
+    }
+}
+
 void hda_filter(const hda_bank *bank, const double *x, const double *extra, const double *covariance, long first,
                 long last, const double *u, const double *time, const double *c, const double *measured,
                 const double *variance, double *found) {
-    const int D = HDA_MECHANICAL + bank->extra;
     filters f;
-    memset(&f, 0, sizeof f);
-    memcpy(f.x, x, sizeof f.x);
-    EACH(l) {
-        for (int k = 0; k < bank->extra; k++) f.extra[k][l] = extra[l * bank->extra + k];
-        for (int i = 0; i < D; i++) {
-            for (int j = 0; j < D; j++) f.P[i][j][l] = covariance[(l * D + i) * D + j];
-        }
-    }
+    begin_filters(&f, bank, x, extra, covariance);
     for (long row = first; row < last; row++) {
         const int judged = (double)(row + 1 - first) > bank->memory[1] * (double)(last - first);
         advance_filters(&f, bank, u + row * HDA_NU, c, time[row + 1] - time[row]);

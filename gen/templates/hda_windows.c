@@ -1,7 +1,8 @@
 /* Rollouts of windows that each begin anew, set-valued friction: one lane, or HDA_BATCH_WIDTH lanes in those of a
  * vector.
  *
- * A lane is a simulation of all windows. In vectors all lanes take the plain step, in which every motor slides as it
+ * A lane is a simulation of all windows; of a simulation alone each lane takes a window, where the windows do not
+ * depend on each other. In vectors all lanes take the plain step, in which every motor slides as it
  * began to, or rests and dry friction holds it at the beginning and at the end. Lanes of which a motor has given way,
  * stopped or turned back then search the change together, each at a time of its own; the last few of them go on alone.
  */
@@ -53,11 +54,13 @@ enum { FEW = 1 }; /* lanes that take no longer one by one than in a vector */
 
 static const int slide[HDA_N] = HDA_SLIDE; /* entry of x whose sign is the direction of dry friction at joint j */
 
-/* Of each lane what it reads and writes; those from `count` on have no work and read what the last one reads. */
+/* Of each lane what it reads and writes in a window of `rows`, and its input in the present row; those from `count` on
+ * have no work and read what the last one reads. */
 typedef struct {
     const double *begun[HDA_BATCH_WIDTH], *memory[HDA_BATCH_WIDTH], *u[HDA_BATCH_WIDTH], *c[HDA_BATCH_WIDTH],
-        *jump[HDA_BATCH_WIDTH];
+        *jump[HDA_BATCH_WIDTH], *dt[HDA_BATCH_WIDTH], *input[HDA_BATCH_WIDTH];
     double *x[HDA_BATCH_WIDTH];
+    long rows[HDA_BATCH_WIDTH];
     int count;
 } lanes;
 
@@ -94,21 +97,21 @@ static __attribute__((noinline)) void find_held(const hda_batch *x, const hda_ba
 
 /* The set-valued step, from `from`, of the lanes in `changing` alone. Those in `tried` have slid through the whole step
  * already, to `went`. */
-static __attribute__((noinline)) void change_lanes(const lanes *of, long k, const hda_batch *from, const hda_batch *u,
-                                                   const hda_batch *c, double h, const hda_batch_bits *changing,
-                                                   const hda_batch_bits *tried, const hda_batch *went, hda_batch *x) {
+static __attribute__((noinline)) void change_lanes(const lanes *of, const hda_batch *from, const hda_batch *u,
+                                                   const hda_batch *c, const hda_batch *h,
+                                                   const hda_batch_bits *changing, const hda_batch_bits *tried,
+                                                   const hda_batch *went, hda_batch *x) {
     hda_passage way[HDA_BATCH_WIDTH];
     hda_batch at[HDA_NX], s[HDA_N], span = {0};
     double next[HDA_NX];
     int open[HDA_BATCH_WIDTH], many = 0;
-#define U(lane) (of->u[lane] + k * HDA_NU)
     for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
         open[lane] = changing[0][lane] != 0;
         if (!open[lane]) continue;
         read_lane(from, HDA_NX, lane, next);
-        hda_begin_passage(next, U(lane), of->c[lane], h, &way[lane]);
+        hda_begin_passage(next, of->input[lane], of->c[lane], h[0][lane], &way[lane]);
         read_lane(went, HDA_NX, lane, next);
-        if (tried[0][lane]) open[lane] = !hda_follow_passage(next, U(lane), of->c[lane], &way[lane]);
+        if (tried[0][lane]) open[lane] = !hda_follow_passage(next, of->input[lane], of->c[lane], &way[lane]);
         many += open[lane];
     }
     memcpy(at, from, sizeof at);
@@ -124,19 +127,18 @@ static __attribute__((noinline)) void change_lanes(const lanes *of, long k, cons
         for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
             if (!open[lane]) continue;
             read_lane(at, HDA_NX, lane, next);
-            open[lane] = !hda_follow_passage(next, U(lane), of->c[lane], &way[lane]);
+            open[lane] = !hda_follow_passage(next, of->input[lane], of->c[lane], &way[lane]);
             many -= !open[lane];
         }
     }
     for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
-        if (open[lane]) hda_end_passage(U(lane), of->c[lane], &way[lane]);
+        if (open[lane]) hda_end_passage(of->input[lane], of->c[lane], &way[lane]);
         if (changing[0][lane]) write_lane(way[lane].at, HDA_NX, lane, x);
     }
-#undef U
 }
 
 /* The set-valued step of all lanes; what becomes of those that are not `good` does not matter. */
-static void step_lanes(const lanes *of, long k, const hda_batch *u, const hda_batch *c, double h,
+static void step_lanes(const lanes *of, const hda_batch *u, const hda_batch *c, const hda_batch *h,
                        const hda_batch_bits *good, hda_batch *x) {
     hda_batch from[HDA_NX], s[HDA_N], went[HDA_NX];
     hda_batch_bits plain = *good, rests = {0}, tried = {0}, changing = {0};
@@ -152,9 +154,8 @@ static void step_lanes(const lanes *of, long k, const hda_batch *u, const hda_ba
     if (resting) find_held(x, u, s, c, &plain);
     for (int lane = 0; lane < of->count; lane++) many -= (int)plain[lane];
     if (many > FEW) {
-        const hda_batch time = (hda_batch){0} + h;
         tried = plain;
-        slide_lanes(u, s, c, &time, x);
+        slide_lanes(u, s, c, h, x);
         memcpy(went, x, sizeof went);
         for (int j = 0; j < HDA_N; j++) {
             const hda_batch_bits still = (hda_batch_bits)(s[j] == 0.0);
@@ -169,18 +170,29 @@ static void step_lanes(const lanes *of, long k, const hda_batch *u, const hda_ba
         changing[lane] = good[0][lane] & ~plain[lane];
         change |= changing[lane] != 0;
     }
-    if (change) change_lanes(of, k, from, u, c, h, &changing, &tried, went, x);
+    if (change) change_lanes(of, from, u, c, h, &changing, &tried, went, x);
 }
 
 /* Row k: `now` becomes x, is stored and moved to the next row; lanes that would leave the limit are good no more and
- * stay. */
-static void advance_row(lanes *of, long k, const hda_batch *c, double dt, double most, const double *limit,
-                        hda_batch_bits *good, hda_batch *now) {
-    const long parts = hda_parts(dt, most);
-    hda_batch u[HDA_NU], x[HDA_NX], size;
-    hda_batch_bits within = *good;
-#define INPUT(lane) of->u[lane][k * HDA_NU + i]
-#define JUMP(lane) of->jump[lane][k * HDA_NX + i]
+ * stay. A lane whose window has ended before does nothing. */
+static void advance_row(lanes *of, long k, const hda_batch *c, double most, const double *limit, hda_batch_bits *good,
+                        hda_batch *now) {
+    hda_batch u[HDA_NU], x[HDA_NX], h, size;
+    hda_batch_bits within;
+    long parts = 1, row[HDA_BATCH_WIDTH];
+    for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+        const int has_ended = k >= of->rows[lane];
+        row[lane] = has_ended ? of->rows[lane] - 1 : k;
+        of->input[lane] = of->u[lane] + row[lane] * HDA_NU;
+        h[lane] = of->dt[lane][row[lane]];
+        if (has_ended)
+            good[0][lane] = 0;
+        else if (hda_parts(h[lane], most) > parts)
+            parts = hda_parts(h[lane], most);
+    }
+    within = *good;
+#define INPUT(lane) of->input[lane][i]
+#define JUMP(lane) of->jump[lane][row[lane] * HDA_NX + i]
     for (int i = 0; i < HDA_NU; i++) u[i] = (hda_batch)HDA_BATCH_OF(INPUT);
     for (int i = 0; of->jump[0] && i < HDA_NX; i++) {
         const hda_batch jump = HDA_BATCH_OF(JUMP);
@@ -189,11 +201,13 @@ static void advance_row(lanes *of, long k, const hda_batch *c, double dt, double
 #undef INPUT
 #undef JUMP
     for (int lane = 0; lane < of->count; lane++) {
+        if (k >= of->rows[lane]) continue;
         for (int i = 0; i < HDA_NX; i++) of->x[lane][i] = now[i][lane];
         of->x[lane] += HDA_NX;
     }
     memcpy(x, now, sizeof x);
-    for (long part = 0; part < parts; part++) step_lanes(of, k, u, c, dt / (double)parts, good, x);
+    h /= (double)parts;
+    for (long part = 0; part < parts; part++) step_lanes(of, u, c, &h, good, x);
     for (int i = 0; i < HDA_NX; i++) {
         hda_batch_fabs(&x[i], &size);
         within &= (hda_batch_bits)(size <= limit[i]);
@@ -202,25 +216,77 @@ static void advance_row(lanes *of, long k, const hda_batch *c, double dt, double
     *good = within;
 }
 
-static void roll_group(lanes *of, const int *edges, long windows, const double *dt, double most, const double *limit) {
-    hda_batch c[HDA_NC], now[HDA_NX];
-    hda_batch_bits works = {0};
-#define CONSTANT(lane) of->c[lane][i]
-#define BEGUN(lane) of->begun[lane][w * HDA_MECHANICAL + i]
-#define MEMORY(lane) of->memory[lane][w * OWN + i - HDA_MECHANICAL]
-    for (int i = 0; i < HDA_NC; i++) c[i] = (hda_batch)HDA_BATCH_OF(CONSTANT);
-    for (int lane = 0; lane < of->count; lane++) works[lane] = -1;
-    memset(now, 0, sizeof now);
-    for (long w = 0; w < windows; w++) {
-        hda_batch_bits good = works;
-        if (w && edges[2 * w - 1] != edges[2 * w]) memset(now, 0, sizeof now);
-        for (int i = 0; i < HDA_MECHANICAL; i++) now[i] = (hda_batch)HDA_BATCH_OF(BEGUN);
-        for (int i = HDA_MECHANICAL; of->memory[0] && i < HDA_NX; i++) now[i] = (hda_batch)HDA_BATCH_OF(MEMORY);
-        for (long k = edges[2 * w]; k < edges[2 * w + 1]; k++) advance_row(of, k, c, dt[k], most, limit, &good, now);
+/* A window of each lane; where `memory` is NULL, the effects' own states begin as `now` has them. */
+static void roll_window(lanes *of, const hda_batch *c, double most, const double *limit, hda_batch *now) {
+    hda_batch_bits good = {0};
+    long longest = 0;
+    for (int lane = 0; lane < of->count; lane++) {
+        good[lane] = -1;
+        if (of->rows[lane] > longest) longest = of->rows[lane];
     }
-#undef CONSTANT
+#define BEGUN(lane) of->begun[lane][i]
+#define MEMORY(lane) of->memory[lane][i - HDA_MECHANICAL]
+    for (int i = 0; i < HDA_MECHANICAL; i++) now[i] = (hda_batch)HDA_BATCH_OF(BEGUN);
+    for (int i = HDA_MECHANICAL; of->memory[0] && i < HDA_NX; i++) now[i] = (hda_batch)HDA_BATCH_OF(MEMORY);
 #undef BEGUN
 #undef MEMORY
+    for (long k = 0; k < longest; k++) advance_row(of, k, c, most, limit, &good, now);
+}
+
+/* All windows of a simulation a lane. */
+static void roll_simulations(lanes *of, const double *const *u, const double *const *jump, const int *edges,
+                             long windows, const double *dt, double most, const double *limit) {
+    hda_batch c[HDA_NC], now[HDA_NX];
+#define CONSTANT(lane) of->c[lane][i]
+    for (int i = 0; i < HDA_NC; i++) c[i] = (hda_batch)HDA_BATCH_OF(CONSTANT);
+#undef CONSTANT
+    memset(now, 0, sizeof now);
+    for (long w = 0; w < windows; w++) {
+        if (w && edges[2 * w - 1] != edges[2 * w]) memset(now, 0, sizeof now);
+        for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+            of->u[lane] = u[lane] + edges[2 * w] * HDA_NU;
+            of->jump[lane] = jump[lane] ? jump[lane] + edges[2 * w] * HDA_NX : NULL;
+            of->dt[lane] = dt + edges[2 * w];
+            of->rows[lane] = edges[2 * w + 1] - edges[2 * w];
+        }
+        roll_window(of, c, most, limit, now);
+        for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+            of->begun[lane] += HDA_MECHANICAL;
+            if (of->memory[lane]) of->memory[lane] += OWN;
+        }
+    }
+}
+
+static int has_empty_window(const int *edges, long windows) {
+    for (long w = 0; w < windows; w++) {
+        if (edges[2 * w + 1] <= edges[2 * w]) return 1;
+    }
+    return 0;
+}
+
+/* hda_rollout_windows of windows none of which is empty and each of which has its memory, a window a lane. */
+static void roll_windows_side_by_side(const double *begun, const double *memory, const int *edges, long windows,
+                                      const double *u, const double *c, const double *dt, double most,
+                                      const double *jump, const double *limit, double *x) {
+    hda_batch constants[HDA_NC], now[HDA_NX];
+    for (int i = 0; i < HDA_NC; i++) constants[i] = (hda_batch){0} + c[i];
+    for (long first = 0; first < windows; first += HDA_BATCH_WIDTH) {
+        lanes of;
+        of.count = windows - first < HDA_BATCH_WIDTH ? (int)(windows - first) : HDA_BATCH_WIDTH;
+        for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+            const long w = first + (lane < of.count ? lane : of.count - 1), row = edges[2 * w];
+            of.begun[lane] = begun + w * HDA_MECHANICAL;
+            of.memory[lane] = memory + w * OWN;
+            of.u[lane] = u + row * HDA_NU;
+            of.c[lane] = c;
+            of.jump[lane] = jump ? jump + row * HDA_NX : NULL;
+            of.dt[lane] = dt + row;
+            of.rows[lane] = edges[2 * w + 1] - row;
+            of.x[lane] = x;
+            if (lane < of.count) x += of.rows[lane] * HDA_NX;
+        }
+        roll_window(&of, constants, most, limit, now);
+    }
 }
 
 /* The steps of at most HDA_BATCH_WIDTH states. */
@@ -228,6 +294,7 @@ static void step_vector(double (*x)[HDA_NX], const double (*u)[HDA_NU], const do
                         int count) {
     hda_batch constants[HDA_NC], in[HDA_NU], at[HDA_NX];
     hda_batch_bits good = {0};
+    const hda_batch time = (hda_batch){0} + h;
     lanes of;
     memset(&of, 0, sizeof of);
     of.count = count;
@@ -238,14 +305,14 @@ static void step_vector(double (*x)[HDA_NX], const double (*u)[HDA_NU], const do
     for (int i = 0; i < HDA_NU; i++) in[i] = (hda_batch)HDA_BATCH_OF(INPUT);
     for (int i = 0; i < HDA_NX; i++) at[i] = (hda_batch)HDA_BATCH_OF(STATE);
     for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
-        of.u[lane] = u[LAST(lane)];
+        of.input[lane] = u[LAST(lane)];
         of.c[lane] = c;
     }
 #undef LAST
 #undef INPUT
 #undef STATE
     for (int lane = 0; lane < count; lane++) good[lane] = -1;
-    for (long step = 0; step < steps; step++) step_lanes(&of, 0, in, constants, h, &good, at);
+    for (long step = 0; step < steps; step++) step_lanes(&of, in, constants, &time, &good, at);
     for (int lane = 0; lane < count; lane++) read_lane(at, HDA_NX, lane, x[lane]);
 }
 
@@ -273,19 +340,26 @@ void hda_rollout_windows_batch(const double *begun, const double *memory, const 
     long first = 0;
 #if HDA_LANES && !HDA_STIFF
     while (count - first > FEW) {
+        const double *inputs[HDA_BATCH_WIDTH], *jumps[HDA_BATCH_WIDTH];
         lanes of;
         of.count = count - first < HDA_BATCH_WIDTH ? (int)(count - first) : HDA_BATCH_WIDTH;
         for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
             const long which = first + (lane < of.count ? lane : of.count - 1);
+            inputs[lane] = u + which * rows * HDA_NU;
+            jumps[lane] = jump ? jump + which * rows * HDA_NX : NULL;
             of.begun[lane] = begun + which * mechanical;
             of.memory[lane] = memory ? memory + which * own : NULL;
-            of.u[lane] = u + which * rows * HDA_NU;
             of.c[lane] = c + which * HDA_NC;
-            of.jump[lane] = jump ? jump + which * rows * HDA_NX : NULL;
             of.x[lane] = x + which * size;
         }
-        roll_group(&of, edges, windows, dt, most, limit);
+        roll_simulations(&of, inputs, jumps, edges, windows, dt, most, limit);
         first += of.count;
+    }
+    const int independent = memory && windows > FEW && !has_empty_window(edges, windows);
+    for (; first < count && independent; first++) {
+        roll_windows_side_by_side(begun + first * mechanical, memory + first * own, edges, windows,
+                                  u + first * rows * HDA_NU, c + first * HDA_NC, dt, most,
+                                  jump ? jump + first * rows * HDA_NX : NULL, limit, x + first * size);
     }
 #endif
     for (; first < count; first++) {

@@ -28,7 +28,7 @@ from hdagen.diagnosis.decision.direct_evidence import DirectEvidence
 from hdagen.diagnosis.decision.direct_evidence_settings import DIRECT_EVIDENCE
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
-from hdagen.diagnosis.inference.local_fit import start_fit
+from hdagen.diagnosis.inference.local_fit import start_fit_at
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.long_horizon_settings import LONG_HORIZON
@@ -78,8 +78,9 @@ def search_long_horizon(
     fit_of_arm = next(fit for fit in found.fits if fit.sensitivities.shooting.arm is arm)
     model = sizes.limit_base_parameters(leading_set)
     p = sizes.parameters_at(model)
-    start = OperatingPoint(p, fit_of_arm.sensitivities.shooting.filtered_initial_states(p))
-    fit = start_fit(fit_of_arm.sensitivities, found.candidates, leading_set.atoms, fit_of_arm.score.posterior.s, start)
+    shooting = fit_of_arm.sensitivities.shooting
+    start = OperatingPoint(p, shooting.filtered_initial_states(p))
+    fit = start_fit_at(shooting, found.candidates, leading_set.atoms, start, fit_of_arm.score.posterior.s)
     weights = {found.candidates.names_of(one.atoms): float(np.exp(0.5 * (leading_set.cost - one.cost))) for one in sets}
     unexplained = [h for h in decision.hypotheses if h.is_unknown]
     short = [h for h in decision.hypotheses if not h.is_unknown]

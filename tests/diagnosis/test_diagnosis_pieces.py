@@ -128,6 +128,7 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
         evidence_here: float
         has_columns: bool = True
         has_converged: bool = False
+        has_kept_columns: bool = False
         misfit_temperature: float = 1.0
 
         @property
@@ -177,6 +178,7 @@ def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatc
         one.score = SimpleNamespace(evidence=evidence)
         one.sensitivities = SimpleNamespace(shooting=SimpleNamespace(budget=TimeBudget()))
         one.has_columns, one.has_converged, one.misfit_temperature, one.without_columns = True, False, 1.0, lambda: one
+        one.has_kept_columns = False
         return one
 
     went: list[float] = []
@@ -380,6 +382,7 @@ def test_what_stands_at_its_brim_is_tried_the_fullest_first() -> None:
         members=[SimpleNamespace(name=name) for name in names],
         columns=[SimpleNamespace(candidate=k, spike_width=0.05) for k in (0, 1, 2, 2, 3, -1)],
         active=frozenset({"current_bias@1"}),
+        is_nuisance=lambda c: c.candidate in (0, 1, 2),
     )
     mean = 0.05 * np.array(
         [SEARCH.at_bound_deviations + 0.1, SEARCH.at_bound_deviations - 0.1, 0.2, -3.0, 20.0, 3.0]

@@ -33,7 +33,8 @@ def refit_without(fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit:
     point = OperatingPoint(
         fit.sensitivities.shooting.arm.parameters.clip_to_bounds(p), fit.sensitivities.point.initial_states
     )
-    return start_fit_at(fit.sensitivities.shooting, words, atoms, point, fit.score.posterior.s, fit.noise_only_evidence)
+    at, s = fit.sensitivities, fit.score.posterior.s
+    return start_fit_at(at.shooting, words, atoms, point, s, fit.noise_only_evidence, at)
 
 
 def refit_swapping(fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit:
@@ -53,7 +54,7 @@ def refit_swapping(fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit
     point = move_to_theta(at, at.linear_model(), s, fit.optimum_with(atoms))
     for k in set(atoms) - set(fit.effects):
         words.members[k].apply_shapes(arm, point.p)
-    return start_fit_at(at.shooting, words, atoms, point, s, fit.noise_only_evidence)
+    return start_fit_at(at.shooting, words, atoms, point, s, fit.noise_only_evidence, at)
 
 
 def refit_from_start(start: OperatingPoint, fit: Fit, words: CandidateSet, atoms: tuple[int, ...]) -> Fit:

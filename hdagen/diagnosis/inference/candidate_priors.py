@@ -102,9 +102,9 @@ class Candidate:
 class Column:
     """A parameter to fit.
 
-    ``index``: its place in p; ``center``: the value at θ = 0; ``unit`` of θ; ``spike``: prior standard deviation of θ;
-    ``atom``: the candidate whose amplitude it is (−1: none); ``base``: every hypothesis fits it, as it does the keys of
-    the robot file and the shapes of its own effects; ``seen``: initial guess of θ from the log (0: none);
+    ``index``: its place in p; ``center``: the value at θ = 0; ``unit`` of θ; ``spike_width``: prior standard deviation
+    of θ; ``candidate`` whose amplitude it is (−1: none); ``in_every_hypothesis``: every hypothesis fits it, as it does
+    the keys of the robot file and the shapes of its own effects; ``initial_guess`` of θ from the log (0: none);
     ``background_size``: θ that every machine has a share of; ``stated``: the number that the robot file states.
     """
 
@@ -129,8 +129,8 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class CandidateSet:
-    """All atoms and columns of a model; ``meant``: names of the active effects; ``share``: spike width of the others,
-    in typical sizes."""
+    """All candidates and columns of a model; ``active``: names of the active effects; ``spike_scale``: spike width of
+    the others, in typical sizes."""
 
     members: tuple[Candidate, ...]
     columns: tuple[Column, ...]
@@ -141,6 +141,15 @@ class CandidateSet:
     def spike_widths(self) -> Array:
         """Prior standard deviations (P) of the null model."""
         return np.array([c.spike_width for c in self.columns])
+
+    def is_nuisance(self, column: Column) -> bool:
+        """Tell whether a column is that of an inactive effect.
+
+        Args:
+            column: one of a set with the same candidates.
+
+        """
+        return column.candidate >= 0 and self.members[column.candidate].name not in self.active
 
     def theta_bounds(self, arm: Arm) -> tuple[Array, Array]:
         """Bound θ by the parameters' limits, and an inactive effect by the largest size of a nuisance effect.
@@ -156,9 +165,9 @@ class CandidateSet:
         ends = []
         for c in self.columns:
             low, high = sorted((end - c.center) / c.unit for end in (described[c.index].low, described[c.index].high))
-            most = CANDIDATES.nuisance_limit * c.spike_width
-            if c.candidate < 0 or self.members[c.candidate].name in self.active:
-                most = np.inf
+            most = np.inf
+            if self.is_nuisance(c):
+                most = CANDIDATES.nuisance_limit * c.spike_width
             ends.append((max(low, -most), min(high, most)))
         low, high = np.array(ends).T
         return low, high

@@ -14,9 +14,9 @@ from hdagen.diagnosis.inference.local_fit import Fit, start_fit_at
 
 
 def advance_fit(fit: Fit, words: CandidateSet) -> Fit:
-    """Take one step and linearize again there: about another point the columns of nuisance effects give a wrong
-    likelihood. A fit has converged where the linear model predicts no gain, where no step improves on the evidence
-    reached, and where a step fails, which is counted.
+    """Take one step and linearize again there; columns of nuisance effects that hardly change are kept. A fit has
+    converged where the linear model predicts no gain, where no step improves on the evidence reached, and where a step
+    fails, which is counted.
 
     Args:
         fit: the fit; returned as it is if it has converged, or if the time of the diagnosis is up.
@@ -49,7 +49,13 @@ def _advance_unconverged(fit: Fit, words: CandidateSet) -> Fit:
             there.cross_products.drop_caches()
             tried.append(
                 start_fit_at(
-                    there.shooting, words, fit.effects, there.point, fit.score.posterior.s, fit.noise_only_evidence
+                    there.shooting,
+                    words,
+                    fit.effects,
+                    there.point,
+                    fit.score.posterior.s,
+                    fit.noise_only_evidence,
+                    fit.sensitivities,
                 )
             )
             if tried[-1].score.evidence >= fit.score.evidence + FIT.least_evidence_step * fit.misfit_temperature:

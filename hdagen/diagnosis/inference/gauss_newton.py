@@ -122,7 +122,8 @@ def try_point(
 
 def place_theta(at: Sensitivities, theta: Array, begun: Array) -> OperatingPoint:
     """Return the point at θ, within the parameters' bounds. Nuisance effects move, too: they may be far above the
-    noise, where their columns are only approximate.
+    noise, where their columns are only approximate. They hardly change the effects' memory, which is kept where no
+    other effect has one: with a known memory the windows do not depend on each other, and are simulated side by side.
 
     Args:
         at: design with its point.
@@ -133,7 +134,17 @@ def place_theta(at: Sensitivities, theta: Array, begun: Array) -> OperatingPoint
     p = at.point.p.copy()
     for value, c in zip(theta, at.candidates.columns, strict=True):
         p[c.index] = c.center + float(value) * c.unit
-    return OperatingPoint(at.shooting.arm.parameters.clip_to_bounds(p), begun)
+    memory = None
+    if _changes_memory_little(at):
+        memory = at.point.memory
+    return OperatingPoint(at.shooting.arm.parameters.clip_to_bounds(p), begun, memory)
+
+
+def _changes_memory_little(at: Sensitivities) -> bool:
+    """Tell whether effects remember the motion, and all of them are nuisance effects."""
+    candidates, shooting = at.candidates, at.shooting
+    own = [c.index for c in candidates.columns if not candidates.is_nuisance(c)]
+    return bool(at.point.p[shooting.memory_amplitudes].any()) and not np.isin(own, shooting.memory_parameters).any()
 
 
 def compute_hypothesis_widths(at: Sensitivities, atoms: tuple[int, ...]) -> Array:

@@ -35,6 +35,13 @@ class LikelihoodSettings:
     reaction_time: float = declare_setting(
         0.01, "s", "a moved initial velocity moves its position by a step of that size in this time"
     )
+    largest_column_change: float = declare_setting(
+        0.25,
+        "of the columns of torques",
+        "after more of a change columns of nuisance effects are computed anew: kept ones were off by up to 21 nats "
+        "below it, and by 31 above, where a fit left hundreds",
+        JOINT_ARMS,
+    )
     least_visible_change: float = declare_setting(
         1e-3,
         "standard deviations of noise",

@@ -1,5 +1,8 @@
 """The linearization of a record about a point: one lane for each initial state, step of torque, and parameter.
 
+Nuisance effects are most of the parameters, and their columns change little from one step of a fit to the next. So a
+step keeps them, and only where a decision rests on a fit are they computed anew.
+
 Legend: W windows, m positions and velocities of the state.
 """
 
@@ -9,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdagen.arm.arrays import Array
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
@@ -24,13 +28,17 @@ from hdagen.diagnosis.inference.sensitivities import (
 )
 
 
-def compute_sensitivities(shooting: MultipleShooting, words: CandidateSet, point: OperatingPoint) -> Sensitivities:
+def compute_sensitivities(
+    shooting: MultipleShooting, words: CandidateSet, point: OperatingPoint, near: Sensitivities | None = None
+) -> Sensitivities:
     """Linearize a record about a point by one lane for each initial state, step of torque, and parameter.
 
     Args:
         shooting: the record and its model.
         words: the parameters.
         point: where to linearize.
+        near: sensitivities about a point near by, whose columns of nuisance effects are kept; None: every column is
+            computed.
 
     Returns:
         Sensitivities and residual at the point.
@@ -39,15 +47,44 @@ def compute_sensitivities(shooting: MultipleShooting, words: CandidateSet, point
     read, memory = shooting.predict_with_memory(Rollout(point.p, point.initial_states))
     point = replace(point, memory=memory)
     torques = [(lane, 1.0) for lane in _step_torques(shooting, point)]
-    lanes = (
-        _step_initial_states(shooting, point)
-        + torques
-        + [step_parameter(shooting, words, point, c) for c in words.columns]
-    )
+    heads = _step_initial_states(shooting, point) + torques
     left = weigh_residual(shooting, read)  # limited to the channels' ranges: a diverging simulation has no useful slope
-    return Sensitivities(
-        shooting, words, point, compute_finite_differences(shooting, point, left, lanes), left, len(torques)
-    )
+    head = compute_finite_differences(shooting, point, left, heads)
+    kept: dict[int, Array] = {}
+    earlier = None
+    if near is not None:
+        kept, earlier = _keep_nuisance_columns(words, near, head[shooting.m :])
+    new = [k for k in range(len(words.columns)) if k not in kept]
+    lanes = [step_parameter(shooting, words, point, words.columns[k]) for k in new]
+    columns = np.empty((len(heads) + len(words.columns), left.size))
+    columns[: len(heads)] = head
+    columns[[len(heads) + k for k in new]] = compute_finite_differences(shooting, point, left, lanes)
+    for k, column in kept.items():
+        columns[len(heads) + k] = column
+    return Sensitivities(shooting, words, point, columns, left, len(torques), earlier)
+
+
+def _keep_nuisance_columns(
+    words: CandidateSet, near: Sensitivities, torques: Array
+) -> tuple[dict[int, Array], Array | None]:
+    """Find the columns of effects that are nuisance effects near by, too, by their places among the parameters of
+    ``words``, and the torques' columns at the point that they come from. A nuisance effect acts as a torque does, so
+    none are kept where the columns of torques have changed much since then."""
+    earlier = near.torques_of_nuisance
+    if earlier is None:
+        earlier = near.torque_columns
+    if np.linalg.norm(torques - earlier) > LIKELIHOOD.largest_column_change * np.linalg.norm(earlier):
+        return {}, None
+    own = near.columns[near.shooting.m + near.k :]
+    there = {
+        (c.parameter, c.candidate): k for k, c in enumerate(near.candidates.columns) if near.candidates.is_nuisance(c)
+    }
+    kept = {
+        k: own[there[c.parameter, c.candidate]]
+        for k, c in enumerate(words.columns)
+        if words.is_nuisance(c) and (c.parameter, c.candidate) in there
+    }
+    return kept, earlier
 
 
 def _step_initial_states(shooting: MultipleShooting, point: OperatingPoint) -> list[tuple[Rollout, float]]:

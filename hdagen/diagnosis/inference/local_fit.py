@@ -49,6 +49,11 @@ class Fit:
     )
 
     @property
+    def has_kept_columns(self) -> bool:
+        """Whether its columns of nuisance effects are, or were, those of an earlier point."""
+        return self.sensitivities.torques_of_nuisance is not None
+
+    @property
     def has_columns(self) -> bool:
         """Whether the fit still has its columns."""
         return self.summary is None
@@ -214,14 +219,15 @@ def start_fit(
         words: all candidates.
         atoms: places of the hypothesis' candidates.
         near: size of unexplained torque to start from.
-        start: where to linearize again; default: the point of ``at``, with the shapes of the hypothesis.
+        start: where to linearize again, with the nuisance columns of ``at`` kept; default: the point of ``at``, with
+            the shapes of the hypothesis.
 
     Returns:
         The fit before its first step, without cross products until its turn.
 
     """
     if start is not None:
-        begun = start_fit_at(at.shooting, words, atoms, start, near)
+        begun = start_fit_at(at.shooting, words, atoms, start, near, beside=at)
         begun.sensitivities.drop_products()
         return begun
     own = select_columns(at, words.columns_for(atoms))
@@ -236,24 +242,21 @@ def start_fit(
 
 
 def restore_columns(fit: Fit, words: CandidateSet) -> Fit:
-    """Compute the dropped columns of a fit again at its present point.
+    """Compute the columns of a fit at its present point, where they were dropped or kept from an earlier point.
 
     Args:
-        fit: the fit without columns.
+        fit: the fit.
         words: all candidates.
 
     Returns:
-        The fit with its columns.
+        The fit with all of its own columns; with those that it has, where the time of the diagnosis is up.
 
     """
-    return start_fit_at(
-        fit.sensitivities.shooting,
-        words,
-        fit.effects,
-        fit.sensitivities.point,
-        fit.score.posterior.s,
-        fit.noise_only_evidence,
-    )
+    at = fit.sensitivities
+    if fit.has_columns and (not fit.has_kept_columns or at.shooting.budget.is_up):
+        return fit
+    restored = start_fit_at(at.shooting, words, fit.effects, at.point, fit.score.posterior.s, fit.noise_only_evidence)
+    return replace(restored, has_converged=fit.has_converged)
 
 
 def rescale_spikes(fit: Fit, share: float) -> Fit:
@@ -287,8 +290,9 @@ def start_fit_at(
     point: OperatingPoint,
     near: float,
     clean: float | None = None,
+    beside: Sensitivities | None = None,
 ) -> Fit:
-    """Start the fit of a hypothesis at a point, with all its columns computed there.
+    """Start the fit of a hypothesis at a point, with its columns computed there.
 
     Args:
         shooting: the record and its model.
@@ -297,14 +301,15 @@ def start_fit_at(
         point: where to linearize.
         near: size of unexplained torque to start from.
         clean: log evidence with a residual of noise alone; computed from the columns if it is not known.
+        beside: sensitivities about a point near by, whose columns of nuisance effects are kept; None: every column is
+            computed.
 
     Returns:
         The fit before its first step.
 
     """
-    return _score_fit(
-        compute_sensitivities(shooting, words.columns_near(shooting.arm, atoms, point.p), point), atoms, near, clean
-    )
+    own = words.columns_near(shooting.arm, atoms, point.p)
+    return _score_fit(compute_sensitivities(shooting, own, point, beside), atoms, near, clean)
 
 
 def _score_fit(at: Sensitivities, atoms: tuple[int, ...], near: float, clean: float | None = None) -> Fit:

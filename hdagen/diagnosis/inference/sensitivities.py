@@ -51,7 +51,8 @@ class OperatingPoint:
 @dataclass(eq=False)
 class Sensitivities:
     """Columns (C, R M) in units of noise, first initial states, then torques (``k``), then parameters; the residual (R,
-    M)."""
+    M). ``torques_of_nuisance``: the torques' columns (k, R M) at an earlier point whose columns of nuisance effects
+    were kept; None: all columns are those of one point."""
 
     shooting: MultipleShooting
     candidates: CandidateSet
@@ -59,6 +60,12 @@ class Sensitivities:
     columns: Array
     residual: Array
     k: int
+    torques_of_nuisance: Array | None = None
+
+    @property
+    def torque_columns(self) -> Array:
+        """The columns of torques (k, R M)."""
+        return self.columns[self.shooting.m : self.shooting.m + self.k]
 
     def linear_model(self, temperature: float = LIKELIHOOD.likelihood_temperature) -> LinearModel:
         """Build the linear model, with the residual extrapolated to nominal parameters.
@@ -133,8 +140,12 @@ class Sensitivities:
 
     def without_columns(self) -> Sensitivities:
         """Return the candidates and the point alone: all that a hypothesis needs once it is not fitted any more."""
-        return Sensitivities(
-            self.shooting, self.candidates, self.point, self.columns[:, :0].copy(), self.residual[:0].copy(), self.k
+        torques = self.torques_of_nuisance
+        return replace(
+            self,
+            columns=self.columns[:, :0].copy(),
+            residual=self.residual[:0].copy(),
+            torques_of_nuisance=None if torques is None else torques[:, :0].copy(),
         )
 
     def with_spike_scale(self, share: float) -> Sensitivities:
@@ -201,7 +212,13 @@ class Sensitivities:
 
         """
         other = Sensitivities(
-            self.shooting, self.candidates, point, self.columns, weigh_residual(self.shooting, read), self.k
+            self.shooting,
+            self.candidates,
+            point,
+            self.columns,
+            weigh_residual(self.shooting, read),
+            self.k,
+            self.torques_of_nuisance,
         )
         other.cross_products = self.cross_products
         return other
@@ -315,16 +332,20 @@ def select_columns(at: Sensitivities, words: CandidateSet, nearer: Sensitivities
     words = replace(words, columns=tuple(c for c in words.columns if (c.parameter, c.candidate) in kept))
     old = [*range(head), *(kept[c.parameter, c.candidate] for c in words.columns)]
     if nearer is None:
-        selected = Sensitivities(at.shooting, words, at.point, at.columns[old], at.residual, at.k)
+        selected = Sensitivities(
+            at.shooting, words, at.point, at.columns[old], at.residual, at.k, at.torques_of_nuisance
+        )
         selected.cross_products = CrossProducts(at.cross_products.take_columns(old), at.shooting.m, at.k)
         return selected
     own = {(c.parameter, c.candidate): head + i for i, c in enumerate(nearer.candidates.columns)}
-    columns = at.columns[old]
+    columns, torques = at.columns[old], at.torques_of_nuisance
+    if torques is None:
+        torques = at.torque_columns
     columns[:head] = nearer.columns[:head]
     for i, c in enumerate(words.columns, head):
         if (c.parameter, c.candidate) in own:
             columns[i] = nearer.columns[own[c.parameter, c.candidate]]
-    return Sensitivities(at.shooting, words, nearer.point, columns, nearer.residual, at.k)
+    return Sensitivities(at.shooting, words, nearer.point, columns, nearer.residual, at.k, torques)
 
 
 def step_parameter(

@@ -83,16 +83,17 @@ def settle_close_calls(fits: list[Fit], words: CandidateSet, on_stage: StageList
     close = list(best.values())[: SEARCH.most_close_calls]
     budget = ordered[0].sensitivities.shooting.budget
     if len(close) < 2 or budget.is_left_out("close calls, each fitted to its end"):
-        return drop_columns(ordered)
+        return drop_columns([restore_columns(ordered[0], words), *ordered[1:]])
     on_stage(Stage.CLOSE_CALLS)
     LOGGER.info("going on with %s", ", ".join(join_effect_names(fit) for fit in close))
     rest = [fit.without_columns() for fit in ordered if fit not in close]
     del ordered, best, fits[:]  # the other fits free their memory
-    done = [fit.names for fit in close[1:] if fit.has_converged]  # the best one must have its columns
+    lead = close[0].names  # the best one must have its columns
 
     def in_the_end(fit: Fit) -> Fit:
-        if not (fit.has_columns or fit.names in done or budget.is_up):
-            return continue_fit(restore_columns(fit, words), words, SEARCH.close_call_steps, FIT.least_evidence_step)
+        has_ended = not fit.has_columns and (budget.is_up or (fit.has_converged and not fit.has_kept_columns))
+        if fit.names == lead or not has_ended:
+            fit = restore_columns(fit, words)
         return continue_fit(fit, words, SEARCH.close_call_steps, FIT.least_evidence_step)
 
     settled = map_in_threads(in_the_end, (close.pop(0) for _ in range(len(close))))

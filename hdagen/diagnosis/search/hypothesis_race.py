@@ -13,7 +13,7 @@ from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.fit_settings import FIT
 from hdagen.diagnosis.inference.fit_steps import advance_fit
 from hdagen.diagnosis.inference.gauss_newton import place_candidate
-from hdagen.diagnosis.inference.local_fit import Fit, rescale_spikes, start_fit
+from hdagen.diagnosis.inference.local_fit import Fit, rescale_spikes, restore_columns, start_fit
 from hdagen.diagnosis.inference.marginal_likelihood import ScoredHypothesis, compute_posteriors, score_candidate_sets
 from hdagen.diagnosis.inference.sensitivities import Sensitivities, select_columns
 from hdagen.diagnosis.search.fit_ranking import first_with_columns, keep_best_starts, place_by_size, sort_by_promise
@@ -169,9 +169,12 @@ def run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], on_s
     rest = [f for f in field if f not in best]
     hopeless = best[0].score.evidence - SEARCH.hopeless_margin * best[0].misfit_temperature
     rest += [f for f in best if f.score.evidence < hopeless]
-    settled = map_in_threads(
-        lambda f: continue_fit(f, words, SEARCH.most_further_steps, 1.0), [f for f in best if f not in rest]
+    settled = sort_by_promise(
+        map_in_threads(
+            lambda f: continue_fit(f, words, SEARCH.most_further_steps, 1.0), [f for f in best if f not in rest]
+        )
     )
+    settled[0] = restore_columns(settled[0], words)  # what comes next rests on the leader's columns
     return sort_by_promise([*out, *rest, *settled])
 
 
@@ -303,6 +306,6 @@ def _find_at_bound(lead: Fit) -> list[int]:
     candidates, mean = lead.sensitivities.candidates, lead.posterior[0]
     reach: dict[int, float] = {}
     for c, value in zip(candidates.columns, mean, strict=True):
-        if c.candidate >= 0 and candidates.members[c.candidate].name not in candidates.active:
+        if candidates.is_nuisance(c):
             reach[c.candidate] = max(reach.get(c.candidate, 0.0), abs(float(value)) / c.spike_width)
     return [k for k in sorted(reach, key=lambda k: -reach[k]) if reach[k] >= SEARCH.at_bound_deviations]

@@ -11,7 +11,7 @@ from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.fit_steps import advance_fit
 from hdagen.diagnosis.inference.linearization import compute_sensitivities
-from hdagen.diagnosis.inference.local_fit import Fit, rescale_spikes, start_fit
+from hdagen.diagnosis.inference.local_fit import Fit, rescale_spikes, restore_columns, start_fit
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
@@ -79,7 +79,7 @@ def fit_without_effects(shooting: MultipleShooting, words: CandidateSet) -> Fit:
     )
     for _ in range(NULL_MODEL.fit_steps):
         fit = advance_fit(fit, words)
-    return choose_spike_scale(fit)
+    return choose_spike_scale(restore_columns(fit, words))
 
 
 def choose_spike_scale(fit: Fit) -> Fit:

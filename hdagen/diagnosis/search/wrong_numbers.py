@@ -13,7 +13,7 @@ import numpy as np
 from hdagen.diagnosis.inference.alternative_starts import refit_without
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.fit_settings import FIT
-from hdagen.diagnosis.inference.local_fit import Fit, start_fit_at
+from hdagen.diagnosis.inference.local_fit import Fit, restore_columns, start_fit_at
 from hdagen.diagnosis.inference.marginal_likelihood import compute_posteriors, score_candidate_sets
 from hdagen.diagnosis.search.hypothesis_race import advance_with_note, continue_fit
 from hdagen.diagnosis.search.search_settings import SEARCH
@@ -97,11 +97,12 @@ def free_wrong_numbers(lead: Fit, words: CandidateSet) -> Fit | None:
             break
         at = fit.sensitivities
         begun = start_fit_at(
-            at.shooting, words, (*fit.effects, *chosen), at.point, fit.score.posterior.s, fit.noise_only_evidence
+            at.shooting, words, (*fit.effects, *chosen), at.point, fit.score.posterior.s, fit.noise_only_evidence, at
         )
         moved = advance_with_note(words, f"wrong numbers, round {number}", begun)
         numbers = [k for k, one in enumerate(words.members) if one.is_number and k not in lead.effects]
-        fit = drop_unneeded(continue_fit(moved, words, SEARCH.most_further_steps, 1.0), words, numbers)
+        moved = continue_fit(moved, words, SEARCH.most_further_steps, 1.0)
+        fit = restore_columns(drop_unneeded(moved, words, numbers), words)
     if fit is lead or set(fit.effects) == set(lead.effects):
         return None
     return fit

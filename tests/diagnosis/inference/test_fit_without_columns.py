@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from compiled import Compiled
 from numpy.linalg import LinAlgError
 from test_shooting import shooting
 
 from hdagen.arm.build_loader import PlantError
-from hdagen.diagnosis.inference import fit_steps
+from hdagen.diagnosis.inference import fit_steps, linearization
 from hdagen.diagnosis.inference.alternative_starts import refit_swapping
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.fit_steps import advance_fit
 from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.linearization import compute_sensitivities
-from hdagen.diagnosis.inference.local_fit import Fit, start_fit
+from hdagen.diagnosis.inference.local_fit import Fit, restore_columns, start_fit
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
@@ -95,3 +96,51 @@ def test_a_hypothesis_whose_step_fails_stands_where_it_is(
         and found.sensitivities is fit.sensitivities
     )
     assert shooting.failure_count == failed + 1
+
+
+def test_a_step_keeps_the_columns_of_nuisance_effects_and_they_can_be_had_anew(fit: Fit) -> None:
+    """All others are computed at the new point, and what the fit leaves is simulated there."""
+    at = fit.sensitivities
+    assert fit.has_kept_columns
+    words = build_candidates(at.shooting.arm, guess_from_log(at.shooting.arm, at.shooting.record))
+    whole = restore_columns(fit, words)
+    assert not whole.has_kept_columns and restore_columns(whole, words) is whole
+    assert whole.has_converged == fit.has_converged
+    exact, columns = whole.sensitivities, at.candidates.columns
+    assert [c.parameter for c in exact.candidates.columns] == [c.parameter for c in columns]
+    np.testing.assert_array_equal(exact.residual, at.residual)
+    head = at.shooting.m + at.k
+    np.testing.assert_allclose(exact.columns[:head], at.columns[:head], rtol=1e-6, atol=1e-6)
+    nuisance = np.array([at.candidates.is_nuisance(c) for c in columns])
+    assert 0 < nuisance.sum() < len(nuisance)
+    own = [head + k for k in np.flatnonzero(~nuisance)]
+    np.testing.assert_allclose(exact.columns[own], at.columns[own], rtol=1e-6, atol=1e-6)
+    torques = at.torques_of_nuisance
+    assert torques is not None and fit.without_columns().has_kept_columns
+    moved = np.linalg.norm(at.torque_columns - torques) / np.linalg.norm(torques)
+    assert 0.0 < moved < LIKELIHOOD.largest_column_change
+    others = [head + k for k in np.flatnonzero(nuisance)]
+    assert not np.allclose(exact.columns[others], at.columns[others], rtol=1e-6, atol=1e-6)
+    assert whole.evidence_here == pytest.approx(fit.evidence_here, abs=0.5)
+
+
+def test_columns_that_were_dropped_come_back_at_the_same_point(fit: Fit) -> None:
+    words = build_candidates(
+        fit.sensitivities.shooting.arm,
+        guess_from_log(fit.sensitivities.shooting.arm, fit.sensitivities.shooting.record),
+    )
+    whole, back = restore_columns(fit, words), restore_columns(fit.without_columns(), words)
+    assert back.has_columns
+    np.testing.assert_array_equal(back.sensitivities.columns, whole.sensitivities.columns)
+
+
+def test_nothing_is_kept_where_the_columns_of_torques_have_changed_much(
+    fit: Fit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = fit.sensitivities
+    assert compute_sensitivities(at.shooting, at.candidates, at.point, at).torques_of_nuisance is not None
+    monkeypatch.setattr(linearization, "LIKELIHOOD", replace(LIKELIHOOD, largest_column_change=1e-9))
+    again = compute_sensitivities(at.shooting, at.candidates, at.point, at)
+    assert again.torques_of_nuisance is None
+    alone = compute_sensitivities(at.shooting, at.candidates, at.point)
+    np.testing.assert_allclose(again.columns, alone.columns, rtol=1e-6, atol=1e-6)

@@ -146,7 +146,9 @@ def test_a_step_is_kept_that_beats_what_was_reached(
         )
 
     monkeypatch.setattr(fit_steps, "descend_gauss_newton", descend)
-    monkeypatch.setattr(fit_steps, "start_fit_at", lambda shooting, words, atoms, point, near, clean: fit(point))
+    monkeypatch.setattr(
+        fit_steps, "start_fit_at", lambda shooting, words, atoms, point, near, clean, beside: fit(point)
+    )
     moved = advance_fit(begun, None)  # type: ignore[arg-type]
     assert moved.score.evidence == found and shares == tried
     assert moved.has_converged == (found == -100.0)
@@ -175,7 +177,8 @@ def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest
 class Runner(SimpleNamespace):
     """A fit that stands, with nothing to let go of."""
 
-    has_columns, has_converged, misfit_temperature, noise_only_evidence = True, True, 1.0, 0.0
+    has_columns, has_converged, has_kept_columns = True, True, False
+    misfit_temperature, noise_only_evidence = 1.0, 0.0
     misfit = property(lambda self: -self.evidence_here)
     sensitivities = SimpleNamespace(shooting=UNLIMITED, drop_products=lambda: None)
 

@@ -180,6 +180,43 @@ def test_lanes_near_one_begin_their_windows_with_its_memory(build: Builder) -> N
     assert not np.array_equal(sh.predict(Rollout(p, begun, memory=2.0 * memory)), read)
 
 
+@pytest.mark.parametrize("profile", ["portable", "native"])
+def test_windows_that_run_side_by_side_are_what_each_alone_would_be(build: Builder, profile: str) -> None:
+    """Windows of several lengths, with impulses; one that flies apart stays where it is, and the others do not."""
+    arm, rng = Arm(build(FLEXIBLE, profile, EFFECTS).folder), np.random.default_rng(8)
+    m, lengths, gaps = 8, rng.integers(1, 30, 13), rng.integers(0, 3, 13)
+    ends = np.cumsum(lengths + gaps)
+    edges, rows = np.stack([ends - lengths, ends], 1), int(ends[-1]) + 1
+    u, dt = np.tile(rng.normal(0.0, 0.5, arm.nu), (rows, 1)), np.full(rows, 2e-3)
+    jump, begun = np.zeros((rows, arm.nx)), np.zeros((13, m))
+    jump[::7, m - 1] = 0.05
+    begun[:, m // 2 :] = rng.normal(0.0, 0.5, (13, m // 2))
+    begun[4, m - 1] = 99.0
+    limit = np.full(arm.nx, np.inf)
+    limit[m - 1] = 100.0
+    memory = rng.normal(0.0, 1e-3, (13, arm.nx - m))
+    jump[edges[4, 0], m - 1] = 2.0
+    found = arm.rollout_windows(begun, edges, u, dt, 1e-3, limit, jump, memory=memory)
+    alone = [
+        arm.rollout_windows(begun[w : w + 1], edges[w : w + 1], u, dt, 1e-3, limit, jump, memory=memory[w : w + 1])
+        for w in range(13)
+    ]
+    assert (alone[4] == alone[4][-1]).all()
+    assert all(np.ptp(one[:, 0]) > 0.0 for w, one in enumerate(alone) if w != 4 and lengths[w] > 1)
+    np.testing.assert_allclose(found, np.concatenate(alone), rtol=1e-9, atol=1e-12)
+
+
+def test_rows_of_other_lengths_are_integrated_in_steps_that_no_window_finds_too_long(build: Builder) -> None:
+    arm = Arm(build(FLEXIBLE, "native", EFFECTS).folder)
+    edges, dt = np.array([[0, 9], [10, 19]]), np.repeat([1e-3, 2e-3], 10)
+    u, begun, memory = np.full((20, arm.nu), 0.2), np.zeros((2, 8)), np.zeros((2, arm.nx - 8))
+    limit = np.full(arm.nx, np.inf)
+    both = arm.rollout_windows(begun, edges, u, dt, 1e-3, limit, memory=memory)
+    fine = arm.rollout_windows(begun[:1], edges[:1], u, dt, 5e-4, limit, memory=memory[:1])
+    slow = arm.rollout_windows(begun[1:], edges[1:], u, dt, 1e-3, limit, memory=memory[1:])
+    np.testing.assert_allclose(both, np.concatenate([fine, slow]), rtol=1e-9, atol=1e-12)
+
+
 def test_first_states_of_one_point_are_not_those_of_another_that_is_asked_for_meanwhile(build: Builder) -> None:
     sh = shooting(build, "native")
     p, _ = sh.nominal_start()
