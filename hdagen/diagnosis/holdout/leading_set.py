@@ -12,7 +12,7 @@ motion about as well only.
 
 Wrong numbers of the robot file need more. They are many, and a few of them together move an arm much as an effect does.
 Where effects alone, no more of them, leave no more of the unseen motion than a leader with such numbers, both share the
-probability: neither is sure.
+probability: neither is sure. Where many times the noise remains, they share it if both leave about as much.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _lead_with_ordinary_frictions(decision: Decision, measure: Callable[[Decisio
 
 def _share_with_effects_alone(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
     """Share the probability of a leader that has numbers of the robot file, other than its frictions, with the best set
-    of no more effects and no such number, where that leaves no more."""
+    of no more effects and no such number, where that leaves no more, or about as much of many times the noise."""
     members = decision.best.sensitivities.candidates.members
     numbers = decision.numbers - {one.name for one in members if one.traits.is_friction}
     if numbers.isdisjoint(decision.verdict):
@@ -108,9 +108,13 @@ def _share_with_effects_alone(decision: Decision, measure: Callable[[Decision], 
         if h.fit and 0 < len(h.names) <= len(decision.verdict) and not h.is_unknown and numbers.isdisjoint(h.names)
     ]
     tried = {one.names: one for one in others[: HOLDOUT_CHECK.most_tried_sets]}
-    gaps = {names: float(measure(exchange_leader(decision, one))["after"]) for names, one in tried.items()}
-    best = min(gaps, key=lambda names: gaps[names], default=())
-    if not best or gaps[best] > float(measure(decision)["after"]):
+    gaps = {names: measure(exchange_leader(decision, one)) for names, one in tried.items()}
+    best = min(gaps, key=lambda names: float(gaps[names]["after"]), default=())
+    if not best:
+        return decision
+    told, alone = measure(decision), gaps[best]
+    is_far = told["after"] > DATA.significant_noise_multiple
+    if alone["after"] > told["after"] and not (is_far and is_gap_alike(told, alone)):
         return decision
     return _state_leader(decision, _find_leader(decision), tried[best], 0.5)
 

@@ -136,7 +136,9 @@ def start_promising(
     return map_in_threads(begin, leading)
 
 
-def run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], on_stage: StageListener) -> list[Fit]:
+def run_race(
+    field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], on_stage: StageListener, least: float = -np.inf
+) -> list[Fit]:
     """Fit hypotheses in rounds, and drop those that trail far behind.
 
     Args:
@@ -144,6 +146,7 @@ def run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], on_s
         words: all candidates.
         sizes: hypotheses beside the null model in each round.
         on_stage: receives each stage as it begins.
+        least: log evidence that the best must reach: one far behind it is not fitted to its end.
 
     Returns:
         All fits, the most promising first.
@@ -165,17 +168,21 @@ def run_race(field: list[Fit], words: CandidateSet, sizes: tuple[int, ...], on_s
         field, left = _keep_promising(moved, SEARCH.trailing_share, most)
         out += left
         del moved
+    return sort_by_promise([*out, *_settle_finalists(field, words, least)])
+
+
+def _settle_finalists(field: list[Fit], words: CandidateSet, least: float) -> list[Fit]:
+    """Take the finalists a few steps further, but for hopeless ones. The leader gets all of its columns anew, as what
+    comes next rests on them."""
     best = [f for f, place in place_by_size(sort_by_promise(field)) if not f.effects or place < SEARCH.finalist_count]
-    rest = [f for f in field if f not in best]
-    hopeless = best[0].score.evidence - SEARCH.hopeless_margin * best[0].misfit_temperature
-    rest += [f for f in best if f.score.evidence < hopeless]
+    reached = max(best[0].score.evidence, least)
+    hopeless = reached - SEARCH.hopeless_margin * best[0].misfit_temperature
+    finalists = [f for f in best if f.score.evidence >= hopeless]
     settled = sort_by_promise(
-        map_in_threads(
-            lambda f: continue_fit(f, words, SEARCH.most_further_steps, 1.0), [f for f in best if f not in rest]
-        )
+        map_in_threads(lambda f: continue_fit(f, words, SEARCH.most_further_steps, 1.0), finalists)
     )
-    settled[0] = restore_columns(settled[0], words)  # what comes next rests on the leader's columns
-    return sort_by_promise([*out, *rest, *settled])
+    settled[:1] = [restore_columns(f, words) for f in settled[:1]]
+    return [*(f for f in field if f not in finalists), *settled]
 
 
 def _advance_in_time(words: CandidateSet, when: str, is_first: bool, fit: Fit) -> Fit | None:

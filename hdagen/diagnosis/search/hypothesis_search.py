@@ -184,7 +184,7 @@ def run_races(
         The fits, the best first, the others without their columns.
 
     """
-    fitted = drop_undeserved(run_race(field, words, SEARCH.race_sizes, on_stage))
+    fitted = drop_undeserved(run_race(field, words, SEARCH.race_sizes, on_stage, least))
     fitted = _add_wrong_numbers(fitted, words)
     if is_beyond_known_effects(fitted) or sort_by_evidence(fitted)[0].evidence_here < least:
         return drop_columns(sort_by_evidence(fitted))

@@ -151,8 +151,10 @@ def lead_numbers(first: tuple[str, ...], gaps: dict[tuple[str, ...], float]) -> 
     return lead(gaps, Decision(tuple(found), first, 0.98, 0.99, fits[first]))
 
 
-def test_a_wrong_number_is_not_sure_beside_an_effect_that_leaves_no_more() -> None:
-    found = lead_numbers(NUMBER, {NUMBER: 70.8, EFFECT: 67.0, PAIR: 60.0})
+@pytest.mark.parametrize("left", [67.0, 79.3])
+def test_a_wrong_number_is_not_sure_beside_an_effect_that_leaves_no_more(left: float) -> None:
+    """Or about as much, of many times the noise."""
+    found = lead_numbers(NUMBER, {NUMBER: 70.8, EFFECT: left, PAIR: 60.0})
     assert found.verdict == NUMBER and found.best.names == NUMBER and not found.is_sure
     assert [(h.names, h.probability) for h in found.hypotheses] == [(NUMBER, 0.49), (EFFECT, 0.49), (PAIR, 0.0)]
 
@@ -161,6 +163,7 @@ def test_a_wrong_number_is_not_sure_beside_an_effect_that_leaves_no_more() -> No
     ("first", "gaps", "why"),
     [
         (NUMBER, {NUMBER: 2.1, EFFECT: 2.2}, "the effect leaves more"),
+        (NUMBER, {NUMBER: 62.4, EFFECT: 95.0}, "the effect leaves much more"),
         (NUMBER, {NUMBER: 2.1, PAIR: 1.5}, "two effects are more than one number"),
         (EFFECT, {EFFECT: 2.1, ("position_dependent_friction@1",): 2.0}, "no number leads"),
         (("coulomb_friction@1",), {("coulomb_friction@1",): 2.1, EFFECT: 2.0}, "every drive has friction"),

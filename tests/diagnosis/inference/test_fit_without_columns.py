@@ -16,6 +16,7 @@ from hdagen.diagnosis.inference import fit_steps, linearization
 from hdagen.diagnosis.inference.alternative_starts import refit_swapping
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.fit_steps import advance_fit
+from hdagen.diagnosis.inference.gauss_newton import place_theta
 from hdagen.diagnosis.inference.likelihood_settings import LIKELIHOOD
 from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import Fit, restore_columns, start_fit
@@ -144,3 +145,23 @@ def test_nothing_is_kept_where_the_columns_of_torques_have_changed_much(
     assert again.torques_of_nuisance is None
     alone = compute_sensitivities(at.shooting, at.candidates, at.point)
     np.testing.assert_allclose(again.columns, alone.columns, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "is_kept"), [("sensor_delay@1", True), ("transmission_hysteresis@1", False)])
+def test_a_step_keeps_the_memory_of_nuisance_effects_and_not_that_of_its_own(
+    fit: Fit, name: str, is_kept: bool
+) -> None:
+    """Once it is known: at the first point no effect had one."""
+    at = fit.sensitivities
+    words = build_candidates(at.shooting.arm, guess_from_log(at.shooting.arm, at.shooting.record))
+    atoms = tuple(k for k, atom in enumerate(words.members) if atom.name == name and atom.has_default_shapes)
+    p, begun = at.shooting.nominal_start()
+    first = compute_sensitivities(at.shooting, words, OperatingPoint(p, begun))
+    start = start_fit(first, words, atoms, 0.1).sensitivities
+    theta = start.candidates.to_theta(p)
+    assert place_theta(start, theta, begun).memory is None
+    p[at.shooting.arm.parameters.index("hysteresis_torque_2")] = 0.1
+    there = compute_sensitivities(at.shooting, start.candidates, OperatingPoint(p, begun))
+    memory = place_theta(there, theta, begun).memory
+    assert (memory is not None) == is_kept
+    assert memory is None or (memory is there.point.memory and memory.any())
