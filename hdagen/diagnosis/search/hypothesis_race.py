@@ -153,7 +153,9 @@ def run_race(
 
     """
     budget = field[0].sensitivities.shooting.budget
-    field[:], out = _keep_promising(sort_by_promise(field), SEARCH.first_round_share, len(field))
+    field[:], out = _keep_promising(
+        sort_by_promise(field), SEARCH.first_round_share, SEARCH.close_call_margin, len(field)
+    )
     for number, most in enumerate((*sizes[1:], len(field)), 1):
         on_stage(RACE_STAGES[number - 1])
         given = (field.pop(0) for _ in range(len(field)))  # each old fit frees its memory as soon as its step is done
@@ -165,7 +167,10 @@ def run_race(
         if number == SEARCH.merging_round:
             moved, left_behind = keep_best_starts(moved)
             out += left_behind
-        field, left = _keep_promising(moved, SEARCH.trailing_share, most)
+        margin = SEARCH.close_call_margin
+        if number == 1:  # after its first step a fit may be far from its end
+            margin = SEARCH.hopeless_margin
+        field, left = _keep_promising(moved, SEARCH.trailing_share, margin, most)
         out += left
         del moved
     return sort_by_promise([*out, *_settle_finalists(field, words, least)])
@@ -198,16 +203,16 @@ def _advance_in_time(words: CandidateSet, when: str, is_first: bool, fit: Fit) -
     return moved
 
 
-def _keep_promising(fits: list[Fit], share: float, most: int) -> tuple[list[Fit], list[Fit]]:
+def _keep_promising(fits: list[Fit], share: float, margin: float, most: int) -> tuple[list[Fit], list[Fit]]:
     """Split fits, the best first, into those that go on and the others, without their columns. The null model goes on
     unless it is outdone. Of the others the first ``most`` go on that gain a ``share`` of the best one's gain or are
-    close to it."""
+    within a ``margin`` of it, in temperatures."""
     none, lead = next((f.score.evidence for f in fits if not f.effects), -np.inf), fits[0]
     least = -np.inf
     if none > -np.inf:
         least = min(
             none + share * (lead.score.evidence - none),
-            lead.score.evidence - SEARCH.close_call_margin * lead.misfit_temperature,
+            lead.score.evidence - margin * lead.misfit_temperature,
         )
 
     def goes_on(place: int, fit: Fit) -> bool:

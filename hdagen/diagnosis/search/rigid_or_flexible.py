@@ -88,7 +88,8 @@ def compare_with_springs(
 
 def find_least_evidence(lead: Fit, fitted: Sequence[Fit]) -> float:
     """Find the log evidence that springs must reach before anything is tried beside them: as much as a good fit has. A
-    fit that leaves much is good where an effect need not explain a share of it, and springs may then be a close call.
+    fit that leaves much is good where an effect need not explain a share of it, and springs may then be a close call;
+    else springs must not be hopeless.
 
     Args:
         lead: the best fit without springs.
@@ -100,9 +101,10 @@ def find_least_evidence(lead: Fit, fitted: Sequence[Fit]) -> float:
     """
     if not leaves_much(lead, fitted):
         return lead.evidence_here
+    margin = SEARCH.close_call_margin
     if lead.misfit_temperature > 1.0:
-        return -np.inf
-    return lead.evidence_here - SEARCH.close_call_margin
+        margin = SEARCH.hopeless_margin
+    return lead.evidence_here - margin * lead.misfit_temperature
 
 
 def load_with_springs(robot: str | Path, arm: Arm) -> Arm:

@@ -81,7 +81,9 @@ class SearchSettings:
         10.0, "times the best one's misfit", "the null model is dropped from here: nothing more can be learned from it"
     )
     hopeless_margin: float = declare_setting(
-        20.0, "temperatures of log evidence", "a hypothesis further behind the leader is not fitted to its end"
+        20.0,
+        "temperatures of log evidence",
+        "a hypothesis further behind the leader is not fitted to its end, nor beyond its first step",
     )
     close_call_margin: float = declare_setting(
         10.0,
