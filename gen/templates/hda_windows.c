@@ -173,22 +173,43 @@ static void step_lanes(const lanes *of, const hda_batch *u, const hda_batch *c, 
     if (change) change_lanes(of, from, u, c, h, &changing, &tried, went, x);
 }
 
+/* `parts` steps of h of each lane; a lane that needs fewer than another one waits. */
+static void step_parts(const lanes *of, const long *parts, const hda_batch *u, const hda_batch *c, const hda_batch *h,
+                       const hda_batch_bits *good, hda_batch *x) {
+    long most = 0, least = parts[0];
+    for (int lane = 0; lane < of->count; lane++) {
+        if (parts[lane] > most) most = parts[lane];
+        if (parts[lane] < least) least = parts[lane];
+    }
+    for (long part = 0; part < most; part++) {
+        hda_batch before[HDA_NX];
+        hda_batch_bits moves = *good;
+        if (part >= least) memcpy(before, x, sizeof before);
+        for (int lane = 0; lane < of->count; lane++) {
+            if (part >= parts[lane]) moves[lane] = 0;
+        }
+        step_lanes(of, u, c, h, &moves, x);
+        for (int i = 0; part >= least && i < HDA_NX; i++) {
+            replace_lanes(&moves, &x[i], &before[i]);
+            x[i] = before[i];
+        }
+    }
+}
+
 /* Row k: `now` becomes x, is stored and moved to the next row; lanes that would leave the limit are good no more and
  * stay. A lane whose window has ended before does nothing. */
 static void advance_row(lanes *of, long k, const hda_batch *c, double most, const double *limit, hda_batch_bits *good,
                         hda_batch *now) {
     hda_batch u[HDA_NU], x[HDA_NX], h, size;
     hda_batch_bits within;
-    long parts = 1, row[HDA_BATCH_WIDTH];
+    long parts[HDA_BATCH_WIDTH], row[HDA_BATCH_WIDTH];
     for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
         const int has_ended = k >= of->rows[lane];
         row[lane] = has_ended ? of->rows[lane] - 1 : k;
         of->input[lane] = of->u[lane] + row[lane] * HDA_NU;
-        h[lane] = of->dt[lane][row[lane]];
-        if (has_ended)
-            good[0][lane] = 0;
-        else if (hda_parts(h[lane], most) > parts)
-            parts = hda_parts(h[lane], most);
+        parts[lane] = has_ended ? 0 : hda_parts(of->dt[lane][row[lane]], most);
+        h[lane] = has_ended ? 0.0 : of->dt[lane][row[lane]] / (double)parts[lane];
+        if (has_ended) good[0][lane] = 0;
     }
     within = *good;
 #define INPUT(lane) of->input[lane][i]
@@ -206,8 +227,7 @@ static void advance_row(lanes *of, long k, const hda_batch *c, double most, cons
         of->x[lane] += HDA_NX;
     }
     memcpy(x, now, sizeof x);
-    h /= (double)parts;
-    for (long part = 0; part < parts; part++) step_lanes(of, u, c, &h, good, x);
+    step_parts(of, parts, u, c, &h, good, x);
     for (int i = 0; i < HDA_NX; i++) {
         hda_batch_fabs(&x[i], &size);
         within &= (hda_batch_bits)(size <= limit[i]);

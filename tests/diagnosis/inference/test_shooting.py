@@ -206,15 +206,23 @@ def test_windows_that_run_side_by_side_are_what_each_alone_would_be(build: Build
     np.testing.assert_allclose(found, np.concatenate(alone), rtol=1e-9, atol=1e-12)
 
 
-def test_rows_of_other_lengths_are_integrated_in_steps_that_no_window_finds_too_long(build: Builder) -> None:
-    arm = Arm(build(FLEXIBLE, "native", EFFECTS).folder)
-    edges, dt = np.array([[0, 9], [10, 19]]), np.repeat([1e-3, 2e-3], 10)
-    u, begun, memory = np.full((20, arm.nu), 0.2), np.zeros((2, 8)), np.zeros((2, arm.nx - 8))
+@pytest.mark.parametrize("profile", ["portable", "native"])
+def test_each_window_takes_the_steps_of_its_own_rows(build: Builder, profile: str) -> None:
+    """As a lane beside others does: otherwise a difference of the two would be that of their steps."""
+    arm, rng = Arm(build(FLEXIBLE, profile, EFFECTS).folder), np.random.default_rng(9)
+    edges = np.arange(0, 90, 10)[:, None] + np.array([0, 9])
+    dt = rng.uniform(0.8e-3, 2.4e-3, 90)
+    u, begun, memory = np.full((90, arm.nu), 0.2), np.zeros((9, 8)), np.zeros((9, arm.nx - 8))
     limit = np.full(arm.nx, np.inf)
-    both = arm.rollout_windows(begun, edges, u, dt, 1e-3, limit, memory=memory)
-    fine = arm.rollout_windows(begun[:1], edges[:1], u, dt, 5e-4, limit, memory=memory[:1])
-    slow = arm.rollout_windows(begun[1:], edges[1:], u, dt, 1e-3, limit, memory=memory[1:])
-    np.testing.assert_allclose(both, np.concatenate([fine, slow]), rtol=1e-9, atol=1e-12)
+    found = arm.rollout_windows(begun, edges, u, dt, 1e-3, limit, memory=memory)
+    alone = [
+        arm.rollout_windows(begun[w : w + 1], edges[w : w + 1], u, dt, 1e-3, limit, memory=memory[w : w + 1])
+        for w in range(9)
+    ]
+    np.testing.assert_allclose(found, np.concatenate(alone), rtol=1e-9, atol=1e-12)
+    lanes = [np.stack([one] * 3) for one in (begun, u, memory, arm.c)]
+    many = arm.rollout_windows(lanes[0], edges, lanes[1], dt, 1e-3, limit, None, lanes[3], memory=lanes[2])
+    np.testing.assert_allclose(many, np.stack([found] * 3), rtol=1e-9, atol=1e-12)
 
 
 def test_first_states_of_one_point_are_not_those_of_another_that_is_asked_for_meanwhile(build: Builder) -> None:
