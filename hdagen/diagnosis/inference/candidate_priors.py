@@ -23,13 +23,6 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.arm.effect_catalogue import EffectTraits
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 
-SCALE_FREE_UNITS = (
-    "N m/rad",
-    "N/m",
-    "N m s/rad",
-    "N s/m",
-)  # units of walls and dampers, whose sizes span orders of magnitude
-
 
 @dataclass(frozen=True)
 class Candidate:
@@ -394,13 +387,3 @@ def _shape_unit(q: Parameter, value: float) -> float:
     if q.low >= 0:
         return max(CANDIDATES.shape_unit_share * abs(value), CANDIDATES.least_shape_unit * (q.high - q.low))
     return 0.1 * (q.high - q.low) / 2
-
-
-def is_scale_free(parameter: Parameter) -> bool:
-    """Tell whether a parameter's size spans orders of magnitude, so that its typical size says little.
-
-    Args:
-        parameter: the parameter.
-
-    """
-    return parameter.unit.endswith(SCALE_FREE_UNITS) or parameter.is_guess

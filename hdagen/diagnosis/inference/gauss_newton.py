@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.arm.arrays import Array
-from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, is_scale_free
+from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.fit_settings import FIT
 from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import ScoredHypothesis, solve_with_scales
+from hdagen.diagnosis.inference.parameter_scale import is_scale_free
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 
 TRUST_RADII = (np.inf, *FIT.trust_radii)

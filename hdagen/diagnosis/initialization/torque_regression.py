@@ -26,10 +26,11 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.bounded_least_squares import Bounds, solve_box_qp
-from hdagen.diagnosis.inference.candidate_priors import CandidateSet, is_scale_free
+from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.gauss_newton import place_sizes
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
+from hdagen.diagnosis.inference.parameter_scale import is_scale_free
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
 from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
 from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
