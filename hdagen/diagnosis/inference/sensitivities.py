@@ -211,15 +211,7 @@ class Sensitivities:
             read: predicted readings (R, M) there.
 
         """
-        other = Sensitivities(
-            self.shooting,
-            self.candidates,
-            point,
-            self.columns,
-            weigh_residual(self.shooting, read),
-            self.k,
-            self.torques_of_nuisance,
-        )
+        other = replace(self, point=point, residual=weigh_residual(self.shooting, read))
         other.cross_products = self.cross_products
         return other
 
@@ -332,9 +324,7 @@ def select_columns(at: Sensitivities, words: CandidateSet, nearer: Sensitivities
     words = replace(words, columns=tuple(c for c in words.columns if (c.parameter, c.candidate) in kept))
     old = [*range(head), *(kept[c.parameter, c.candidate] for c in words.columns)]
     if nearer is None:
-        selected = Sensitivities(
-            at.shooting, words, at.point, at.columns[old], at.residual, at.k, at.torques_of_nuisance
-        )
+        selected = replace(at, candidates=words, columns=at.columns[old])
         selected.cross_products = CrossProducts(at.cross_products.take_columns(old), at.shooting.m, at.k)
         return selected
     own = {(c.parameter, c.candidate): head + i for i, c in enumerate(nearer.candidates.columns)}
