@@ -12,7 +12,7 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, add_direct_evidence
 from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.decision.verdict_content import StatedEffects, estimate_base_parameters, state_effects
-from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion
+from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion, lead_with_effects
 from hdagen.diagnosis.holdout.small_effects import drop_small_effects
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import (
@@ -115,10 +115,13 @@ class HoldoutJudge:
             PlantError: a model cannot be simulated.
 
         """
-        if not (without_it := remove_unknown(strange)).verdict:
+        without_it = remove_unknown(strange)
+        if not without_it.verdict:
+            without_it = lead_with_effects(without_it, lambda one: self.state_decision(one).confirmed.gap)
+        if not without_it.verdict:
             return None
         known_statement = self._state_leading_set(without_it)
-        if known_statement.decision.best is not without_it.best and not known_statement.decision.direct_evidence:
+        if known_statement.decision.best is not strange.best and not known_statement.decision.direct_evidence:
             strange = replace(
                 strange, hypotheses=known_statement.decision.hypotheses, best=known_statement.decision.best
             )

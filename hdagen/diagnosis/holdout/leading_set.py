@@ -5,6 +5,10 @@ motion far better. So the next sets are replayed on motion that no fit saw, and 
 it as another cannot lead: the better one takes its place. It is not sure then, as the windows say otherwise. No effect
 is such a set, too: effects too small to count as present may make most of a gap.
 
+Where short windows say that something unknown is at work, no effect is no rival of known ones: the motion is not
+explained. Of the known sets that close a third of what no effect leaves, the most probable one stands for them that
+leaves about as little as any.
+
 Ordinary frictions, those that a robot file states, need less. Every drive has them, so they are expected where a rarer
 friction is not. A set whose frictions are all ordinary takes the lead in two cases. Either it leaves less of the unseen
 motion, by more than a small effect may. Or the leader has a rarer friction, leaves many times the noise, and tells that
@@ -56,6 +60,28 @@ def lead_on_unseen_motion(decision: Decision, measure: Callable[[Decision], Gap]
         return decision
     decision = _lead_with_ordinary_frictions(decision, measure_once)
     return _share_with_effects_alone(decision, measure_once)
+
+
+def lead_with_effects(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
+    """Put a set of effects in place of no effect, where something is at work.
+
+    Args:
+        decision: among known effects, of which none leads.
+        measure: `gap` of diagnosis.json on unseen motion, of a decision.
+
+    Returns:
+        The decision for the most probable set of those that leave about as little as any, and at most two thirds of
+        what no effect leaves; the decision as it is, where there is none.
+
+    """
+    others = [h for h in decision.hypotheses if h.names and h.fit and not h.is_unknown]
+    tried = [exchange_leader(decision, one) for one in others[: HOLDOUT_CHECK.most_tried_sets]]
+    if not tried:
+        return decision
+    most = HOLDOUT_CHECK.most_remaining_share * float(measure(decision)["after"])
+    gaps = [(one, gap) for one in tried if (gap := measure(one))["after"] <= most]
+    least = min((gap for _, gap in gaps), key=lambda gap: float(gap["after"]), default=None)
+    return next((one for one, gap in gaps if least is not None and is_gap_alike(least, gap)), decision)
 
 
 def _lead_with_better_set(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:

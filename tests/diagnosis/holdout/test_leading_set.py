@@ -14,7 +14,7 @@ from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout import leading_set
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
-from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion
+from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion, lead_with_effects
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
 
 LEAD, OTHER, THIRD = ("torque_ripple@1",), ("coulomb_friction@1",), ("coulomb_friction@1", "viscous_friction@1")
@@ -173,3 +173,34 @@ def test_a_wrong_number_is_not_sure_beside_an_effect_that_leaves_no_more(left: f
 def test_a_leader_stays_sure_otherwise(first: tuple[str, ...], gaps: dict[tuple[str, ...], float], why: str) -> None:
     found = lead_numbers(first, gaps)
     assert (found.verdict, found.probability) == (first, 0.98), why
+
+
+def lead_without_leader(gaps: dict[tuple[str, ...], float]) -> Decision:
+    """The decision in place of no effect, which leads three sets, where something unknown is at work."""
+    decision = replace(decide(), verdict=(), probability=0.005)
+    return lead_with_effects(decision, lambda one: make_gap(gaps[one.verdict]))
+
+
+@pytest.mark.parametrize(
+    ("gaps", "verdict", "why"),
+    [
+        ({(): 90.0, LEAD: 80.0, OTHER: 90.0, THIRD: 59.0}, THIRD, "one set closes a third"),
+        (
+            {(): 90.0, LEAD: 80.0, OTHER: 59.0, THIRD: 45.0},
+            OTHER,
+            "the more probable of two that leave about as little",
+        ),
+        ({(): 90.0, LEAD: 80.0, OTHER: 59.0, THIRD: 30.0}, THIRD, "it leaves far more than the other"),
+        ({(): 90.0, LEAD: 80.0, OTHER: 85.0, THIRD: 61.0}, (), "none closes a third"),
+    ],
+)
+def test_where_something_is_at_work_effects_that_close_a_third_stand_in_place_of_none(
+    gaps: dict[tuple[str, ...], float], verdict: tuple[str, ...], why: str
+) -> None:
+    found = lead_without_leader(gaps)
+    assert found.verdict == verdict and not found.is_sure, why
+
+
+def test_where_no_set_was_fitted_no_effect_stays() -> None:
+    decision = replace(decide(), verdict=(), hypotheses=decide().hypotheses[-2:])
+    assert lead_with_effects(decision, lambda one: pytest.fail("nothing is measured")) is decision
