@@ -115,13 +115,13 @@ class HoldoutJudge:
             PlantError: a model cannot be simulated.
 
         """
-        without_it = remove_unknown(strange)
+        without_it = leading = remove_unknown(strange)
         if not without_it.verdict:
-            without_it = lead_with_effects(without_it, lambda one: self.state_decision(one).confirmed.gap)
-        if not without_it.verdict:
+            leading = lead_with_effects(without_it, lambda one: self.state_decision(one).confirmed.gap)
+        if not leading.verdict:
             return None
-        known_statement = self._state_leading_set(without_it)
-        if known_statement.decision.best is not strange.best and not known_statement.decision.direct_evidence:
+        known_statement = self._state_leading_set(leading)
+        if known_statement.decision.best is not without_it.best and not known_statement.decision.direct_evidence:
             strange = replace(
                 strange, hypotheses=known_statement.decision.hypotheses, best=known_statement.decision.best
             )
