@@ -74,8 +74,7 @@ def lead_with_effects(decision: Decision, measure: Callable[[Decision], Gap]) ->
         what no effect leaves; the decision as it is, where there is none.
 
     """
-    others = [h for h in decision.hypotheses if h.names and h.fit and not h.is_unknown]
-    tried = [exchange_leader(decision, one) for one in others[: HOLDOUT_CHECK.most_tried_sets]]
+    tried = _exchange_next_sets(decision)
     if not tried:
         return decision
     most = HOLDOUT_CHECK.most_remaining_share * float(measure(decision)["after"])
@@ -84,13 +83,18 @@ def lead_with_effects(decision: Decision, measure: Callable[[Decision], Gap]) ->
     return next((one for one, gap in gaps if least is not None and is_gap_alike(least, gap)), decision)
 
 
+def _exchange_next_sets(decision: Decision) -> list[Decision]:
+    """Put each of the next sets of effects in the place of the leading one, the most probable first."""
+    others = [h for h in decision.hypotheses if h.names and h.names != decision.verdict and h.fit and not h.is_unknown]
+    return [exchange_leader(decision, one) for one in others[: HOLDOUT_CHECK.most_tried_sets]]
+
+
 def _lead_with_better_set(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
     """Put the set first that leaves several times less than the leader."""
     left = float(measure(decision)["after"])
     if left <= DATA.significant_noise_multiple:
         return decision
-    others = [h for h in decision.hypotheses if h.names and h.names != decision.verdict and h.fit and not h.is_unknown]
-    tried = [exchange_leader(decision, one) for one in others[: HOLDOUT_CHECK.most_tried_sets]]
+    tried = _exchange_next_sets(decision)
     gaps = {one.verdict: float(measure(one)["after"]) for one in tried}
     best = min(tried, key=lambda one: gaps[one.verdict], default=decision)
     return best if gaps.get(best.verdict, left) * HOLDOUT_CHECK.leading_gap_ratio < left else decision
