@@ -12,6 +12,9 @@ from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, P
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
+USUAL_TILT = 0.087  # rad
+
+
 def compute_gravity(s: Signals, p: Mapping[str, Any]) -> Any:
     """(t_x, t_y), added to gravity; in space Rᵀ g − g."""
     return p["tilt_x"], p["tilt_y"]
@@ -31,7 +34,7 @@ def _turn_back(axis: Any, angle: Any, a: Any) -> Any:
 
 
 def _tilt_angle(name: str, axis: str) -> Parameter:
-    return Parameter(name, "rad", 0.0, -1.0, 1.0, f"turn of the base about its {axis} level axis", typical=0.087)
+    return Parameter(name, "rad", 0.0, -1.0, 1.0, f"turn of the base about its {axis} level axis", typical=USUAL_TILT)
 
 
 PLANE_FORM = Effect(
@@ -45,7 +48,8 @@ PLANE_FORM = Effect(
             -10.0,
             10.0,
             "gravity along x of the base frame besides the stated one",
-            typical=0.85,
+            typical=USUAL_TILT,
+            scale="gravity_x_by_tilt",
             equivalent="gravity_x",
         ),
         Parameter(
@@ -55,13 +59,14 @@ PLANE_FORM = Effect(
             -10.0,
             10.0,
             "gravity along y of the base frame besides the stated one",
-            typical=0.85,
+            typical=USUAL_TILT,
+            scale="gravity_y_by_tilt",
             equivalent="gravity_y",
         ),
     ),
     amplitudes=("tilt_x", "tilt_y"),
     equation=compute_gravity,
-    citation="Lagrangian of the chain (`gen.model.lagrangian`); size: 5° of 9.81 m/s²",
+    citation="Lagrangian of the chain (`gen.model.lagrangian`); size: 5°; in the plane what that brings along each axis",
     joints="arm",
     experiment=Experiment(
         "hold still at several poses across the range", "follows the pose's lever about an upright axis, too"

@@ -1,6 +1,6 @@
 """Sizes of torques and friction that a robot file does not state.
 
-Legend: τ_c Coulomb friction, N m at the motor; g gravity.
+Legend: τ_c Coulomb friction, N m at the motor; g gravity; α angle by which a base is tilted.
 Source of a free rotor's acceleration: 1200 rad/s² at the joint in the paper's Table I, 4400 rad/s² in DFKI's pendulum
 (its model 2.0).
 Source of friction: of the largest torque τ_c is 2 to 3 % in the double pendulum of DFKI's underactuated lab (its
@@ -29,7 +29,10 @@ SWIFT_ACCELERATION = (
     2.0  # rad/s² or m/s²: acceleration of the stretched arm, beside gravity, that the largest input reaches
 )
 ROTOR_ACCELERATION = 1000.0  # rad/s² or m/s² at the joint: that of a free rotor under the largest torque
+EARTH_GRAVITY = 9.81  # m/s²
+LARGE_TILT = 0.17  # rad, 10°: up to it gravity along itself is lost by half its square
 USUAL_FRICTION_SHARE = 0.05  # τ_c where the file has none, as a share of the largest torque
+GRAVITY_BY_TILT = ("gravity_x_by_tilt", "gravity_y_by_tilt")
 
 
 def largest_input(robot: Robot, j: int) -> float:
@@ -59,13 +62,15 @@ def usual_size(robot: Robot, j: int, key: str) -> float:
     Args:
         robot: The robot description.
         j: The joint's number from 1.
-        key: The key, "largest_input" for `largest_input`, or "carried_inertia" for the inertia about the joint of
-            all links from it on, stretched, kg m².
+        key: The key, "largest_input" for `largest_input`, "carried_inertia" for the inertia about the joint of all
+            links from it on, stretched, kg m², or "gravity_x_by_tilt" for `gravity_by_tilt`, which has no joint.
 
     Returns:
         The size of the nominal value, in its unit. Where that is 0, usual friction, a usual rotor, or the key's width.
 
     """
+    if key in GRAVITY_BY_TILT:
+        return gravity_by_tilt(robot, GRAVITY_BY_TILT.index(key))
     drive = robot.joints[j - 1].drive
     value = getattr(drive, key, None)
     if key == "largest_input":
@@ -84,6 +89,27 @@ def usual_size(robot: Robot, j: int, key: str) -> float:
     if key == "viscous_friction":  # at the largest speed as large as dry friction
         return usual_size(robot, j, "coulomb_friction") / (MEANT_VELOCITY * drive.ratio.nominal)
     return keys_of("joint.drive")[key].zero_width
+
+
+def gravity_by_tilt(robot: Robot, axis: int) -> float:
+    """Find the gravity that comes along an axis of the plane by a tilt of the base.
+
+    A tilt turns gravity without making it longer or shorter: across an axis it comes in by sin α, and what points
+    along the axis is lost by 1 − cos α only. Of gravity that the robot file does not state in the plane, the rest
+    points out of it.
+
+    Args:
+        robot: The robot description, of an arm in the plane.
+        axis: 0 for x, 1 for y.
+
+    Returns:
+        The gravity for a radian of small tilt, m/s².
+
+    """
+    x, y = (part.nominal for part in robot.gravity)
+    out_of_plane = math.sqrt(max(EARTH_GRAVITY**2 - x**2 - y**2, 0.0))
+    along, beside = ((x, y), (y, x))[axis]
+    return math.hypot(beside, out_of_plane, 0.5 * LARGE_TILT * along)
 
 
 def _round_to_1_2_5(size: float) -> float:

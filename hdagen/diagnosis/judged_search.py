@@ -43,12 +43,13 @@ class JudgedSearch:
 
     @property
     def is_file_in_doubt(self) -> bool:
-        """Whether wrong numbers of the file may be behind what the verdict names or leaves; of one that the file claims
-        to know exactly only what is left tells."""
+        """Whether wrong numbers of the file may be behind what the verdict names or leaves. A verdict that leaves much
+        may lack any of them: beside much unexplained torque the linear model shows none. Of a number that the file
+        claims to know exactly it never does."""
         if self.checked.contradiction is not None:
             return False
-        leaves_room = self.leaves_much or self.names_unsurely
-        return self.may_stand_for_numbers or self.may_lack_numbers or (leaves_room and self.has_exact_number)
+        shows = self.may_stand_for_numbers or self.may_lack_numbers
+        return shows or self.leaves_much or (self.names_unsurely and self.has_exact_number)
 
     @property
     def may_stand_for_numbers(self) -> bool:
@@ -83,6 +84,13 @@ class JudgedSearch:
     def leaves_much(self) -> bool:
         """Whether its verdict leaves many times the noise of the motion that decides."""
         return bool(self.checked.settled.deciding_gap["after"] > DATA.significant_noise_multiple)
+
+    @property
+    def describes_machine(self) -> bool:
+        """Whether the robot file with its verdict describes the machine: it leaves about the noise of the motion that
+        decides, or it is sure and leaves a small part of the gap."""
+        gap, is_sure = self.checked.settled.deciding_gap, self.checked.settled.statement.decision.is_sure
+        return not self.leaves_much or (is_sure and gap["after"] < DECISION.largest_share_left * gap["before"])
 
     @property
     def names_unsurely(self) -> bool:
@@ -174,7 +182,7 @@ def judge_with_numbers(
     behind what the first one names or leaves.
 
     What clearly leaves less of unseen motion stands. Where the file seems to be another machine's, the second one
-    stands if it leaves about the noise.
+    stands if it describes this one.
 
     Args:
         judge: judges a search.
@@ -192,7 +200,7 @@ def judge_with_numbers(
         found = judge(search)
     except LogError:
         again = search_numbers(None)
-        if again is None or again.leaves_much:
+        if again is None or not again.describes_machine:
             raise
         return again
     if not found.is_file_in_doubt:

@@ -102,6 +102,12 @@ class DecisionSettings:
         "probability",
         "of such deviations if the robot file is right; below it the log is refused: a refusal must be certain",
     )
+    largest_share_left: float = declare_setting(
+        0.5,
+        "of the gap",
+        "a file that looks like another machine's, but whose wrong numbers are surely named, leaves less on held-out "
+        "motion: its numbers are causes, and no reason to refuse it",
+    )
     most_shown_parameters: int = declare_setting(4, "parameters", "parameters that a refusal names")
 
 

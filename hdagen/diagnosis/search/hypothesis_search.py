@@ -22,6 +22,7 @@ from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, begin_sets
 from hdagen.diagnosis.search.close_calls import RefitCall, find_look_alikes, fit_from_leader, settle_close_calls
+from hdagen.diagnosis.search.equal_motions import find_equal_motions, refit_at_point
 from hdagen.diagnosis.search.fit_ranking import (
     drop_columns,
     drop_undeserved,
@@ -218,7 +219,8 @@ def run_races(
 
 
 def _fit_rivals(at: Sensitivities, lead: Fit, fitted: list[Fit], words: CandidateSet) -> list[Fit]:
-    """Fit the leading set without one of its effects or all of them, its look-alikes, and several effects once more
+    """Fit the leading set without one of its effects or all of them, its look-alikes, sets that move the
+    arm alike, and several effects once more
     from the robot file's numbers, as long as there is time."""
     fewer = [atoms for atoms in lead.subsets[:-1] if len(atoms) in {0, len(lead.effects) - 1}]
     fewer = [
@@ -229,6 +231,7 @@ def _fit_rivals(at: Sensitivities, lead: Fit, fitted: list[Fit], words: Candidat
     begin = [
         *((refit_without, atoms) for atoms in fewer),
         *((refit_swapping, atoms) for atoms in find_look_alikes(lead, fitted, words)),
+        *((partial(refit_at_point, one.point), one.effects) for one in find_equal_motions(lead, words)),
     ]
     if len(lead.effects) > 1:
         begin.append((partial(refit_from_start, at.point), lead.effects))

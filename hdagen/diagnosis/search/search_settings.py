@@ -69,6 +69,12 @@ class SearchSettings:
         "a look-alike is no further behind the leader, in its linear model: it may not have found the point",
     )
     most_look_alikes: int = declare_setting(3, "sets", "look-alikes at most: time")
+    most_equal_motions: int = declare_setting(
+        3, "sets", "sets that move the arm as the leader does, with other numbers of the file, at most: time"
+    )
+    most_equal_motions_tried: int = declare_setting(
+        200, "sets", "of these, sets whose mass matrix and weight are compared, the smallest ones first: time"
+    )
     finalist_count: int = declare_setting(2, "hypotheses", "hypotheses beside the null model that go on after the race")
     merging_round: int = declare_setting(2, "round", "after it a set with two starts keeps the better one")
     trailing_share: float = declare_setting(
