@@ -11,7 +11,6 @@ import casadi as ca
 from gen.effects.appearance import Abscissa, ConfusionGroup, Experiment, Plot, PlotKind
 from gen.effects.effect import Effect, Parameter, Port, Signals
 
-
 USUAL_TILT = 0.087  # rad
 
 
@@ -66,7 +65,7 @@ PLANE_FORM = Effect(
     ),
     amplitudes=("tilt_x", "tilt_y"),
     equation=compute_gravity,
-    citation="Lagrangian of the chain (`gen.model.lagrangian`); size: 5°; in the plane what that brings along each axis",
+    citation="Lagrangian of the chain (`gen.model.lagrangian`); size: 5°, in the plane by axis",
     joints="arm",
     experiment=Experiment(
         "hold still at several poses across the range", "follows the pose's lever about an upright axis, too"

@@ -15,6 +15,7 @@ from hdagen.log.data_table import LogError
 
 SEARCH = cast(SearchResult, None)
 SEARCH_FOUND = cast(SearchResult, SimpleNamespace())
+BEFORE = 60.0  # times the noise, without any effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ def judged(
 ) -> JudgedSearch:
     """A search whose verdict leaves ``after`` times the noise on the motion that decides; ``end``: of the range of its
     effects, where they stand at one; ``told``: the property of the fits that is true."""
-    gap = {"after": after, "by_channel": {"motor_position_1": {"after": after}}}
+    gap = {"before": BEFORE, "after": after, "by_channel": {"motor_position_1": {"after": after}}}
     size = {"value": 1.0, "std": 0.1, "end": end}
     causes = [{"effect": name[:-2], "joint": int(name[-1]), "parameters": {"size": size}} for name in verdict]
     stated = SimpleNamespace(causes=causes)
@@ -75,13 +76,20 @@ def refuse(_: SearchResult) -> JudgedSearch:
     raise LogError(["this log seems to be of another robot."])
 
 
-@pytest.mark.parametrize(("after", "verdict"), [(90.0, ["cable_spring@1"]), (5.0, ["viscous_friction@1"]), (1.9, [])])
-def test_numbers_that_would_gain_nothing_are_not_searched_however_much_is_left(
+@pytest.mark.parametrize(("after", "verdict"), [(5.0, ["viscous_friction@1"]), (1.9, [])])
+def test_numbers_that_would_gain_nothing_are_not_searched_where_about_the_noise_is_left(
     after: float, verdict: list[str]
 ) -> None:
     first, numbers = judged(after, *verdict, is_sure=False, told="nothing"), Numbers(judged(1.2, "motor_inertia@1"))
     assert judge_with_numbers(lambda _: first, SEARCH, numbers) is first
     assert numbers.asked == []
+
+
+@pytest.mark.parametrize("verdict", [[], ["coulomb_friction@2"], ["unknown@1"]])
+def test_numbers_are_searched_where_much_is_left_however_sure_the_verdict_is(verdict: list[str]) -> None:
+    """The linear model shows no gain beside much unexplained torque."""
+    first, numbers = judged(11.3, *verdict, told="nothing"), Numbers(judged(6.6, "motor_inertia@1"))
+    assert judge_with_numbers(lambda _: first, SEARCH, numbers) is numbers.found
 
 
 def test_numbers_that_would_gain_beside_a_verdict_are_searched_however_little_is_left() -> None:
@@ -149,7 +157,14 @@ def test_a_file_that_seems_another_machines_is_searched_for_wrong_numbers() -> N
     assert numbers.asked == [None]
 
 
-@pytest.mark.parametrize("second", [None, judged(40.0, "motor_inertia@1")])
+def test_a_file_whose_wrong_numbers_are_surely_named_is_not_another_machines() -> None:
+    numbers = Numbers(judged(0.4 * BEFORE, "motor_inertia@1"))
+    assert judge_with_numbers(refuse, SEARCH, numbers) is numbers.found
+
+
+@pytest.mark.parametrize(
+    "second", [None, judged(40.0, "motor_inertia@1"), judged(0.4 * BEFORE, "motor_inertia@1", is_sure=False)]
+)
 def test_it_is_refused_where_wrong_numbers_leave_much_too(second: JudgedSearch | None) -> None:
     with pytest.raises(LogError, match="another robot"):
         judge_with_numbers(refuse, SEARCH, Numbers(second))

@@ -107,3 +107,20 @@ def test_the_share_is_of_the_size_of_those_of_real_drives(preset: str, joint: in
     """The double pendulum's limit is in its file; of the prismatic one 10 V make 351.5 N."""
     share = load(preset).joints[joint - 1].drive.coulomb_friction.nominal / torque
     assert USUAL_FRICTION_SHARE / 4 < share < 4 * USUAL_FRICTION_SHARE
+
+
+@pytest.mark.parametrize(
+    ("gravity", "expected"),
+    [
+        ((0.0, -9.81), (9.81, 0.085 * 9.81)),  # an arm that stands: half a tilt's square is lost along gravity
+        ((0.0, 0.0), (9.81, 9.81)),  # one that lies flat: gravity comes in along both
+        ((0.0, -6.0), (9.81, np.hypot(np.sqrt(9.81**2 - 6.0**2), 0.085 * 6.0))),  # on an incline
+        ((9.9, 0.0), (0.085 * 9.9, 9.9)),
+    ],
+)
+def test_a_tilt_brings_gravity_across_itself_and_hardly_any_along(
+    tmp_path: Path, gravity: tuple[float, float], expected: tuple[float, float]
+) -> None:
+    made = robot(tmp_path, across=str(gravity[0]), down=str(gravity[1]))
+    found = [usual_size(made, 0, f"gravity_{axis}_by_tilt") for axis in "xy"]
+    assert found == pytest.approx(expected)

@@ -26,11 +26,7 @@ from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.prediction.measurement_model import read_joint_angles
 
-_POSES = 24
-_STEP = 1e-4  # spike widths, of a numerical slope
-_LEAST_SLOPE = 1e-9  # of the largest one
-_MOST_STEPS = 30
-_LEAST_STEP = 1e-6  # spike widths
+_ROUNDING = float(np.sqrt(np.finfo(float).eps))  # of the largest sum of numbers, below which a sum is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +100,7 @@ class _ArmMotion:
         """Angles of the joints (poses, n)."""
         shooting = self.fit.sensitivities.shooting
         angles = read_joint_angles(shooting.arm, shooting.record.log)
-        rows = np.linspace(0, len(angles) - 1, _POSES).astype(int)
+        rows = np.linspace(0, len(angles) - 1, SEARCH.compared_poses).astype(int)
         return np.asarray(angles[rows])
 
     def compute_motion(self, p: Array) -> Array:
@@ -120,19 +116,21 @@ class _ArmMotion:
 
     @cached_property
     def slopes(self) -> Array:
-        """The change of y with each θ (y, P)."""
-        at, widths, found = self.fit.sensitivities, self.fit.sensitivities.candidates.spike_widths, []
-        for c, width in zip(at.candidates.columns, widths, strict=True):
-            p = at.point.p.copy()
-            p[c.index] += _STEP * width * c.unit
-            found.append((self.compute_motion(p) - self.here) / (_STEP * width))
+        """The change of y with each θ (y, P): exact, as y is at most quadratic in each of them."""
+        at, found = self.fit.sensitivities, []
+        for c, width in zip(at.candidates.columns, at.candidates.spike_widths, strict=True):
+            ends = []
+            for theta in (width, -width):
+                p = at.point.p.copy()
+                p[c.index] += theta * c.unit
+                ends.append(self.compute_motion(p))
+            found.append((ends[0] - ends[1]) / (2.0 * width))
         return np.stack(found, axis=1)
 
     @cached_property
     def columns(self) -> NDArray[np.intp]:
         """Places of the columns that change y."""
-        sizes = np.linalg.norm(self.slopes * self.fit.sensitivities.candidates.spike_widths, axis=0)
-        return np.flatnonzero(sizes > _LEAST_SLOPE * sizes.max())
+        return np.flatnonzero(self.slopes.any(axis=0))
 
     @cached_property
     def acting_candidates(self) -> list[int]:
@@ -147,7 +145,9 @@ class _ArmMotion:
         covariance = self.fit.posterior[1][np.ix_(own, own)]
         told = np.linalg.inv(covariance) - np.diag(1.0 / widths[own] ** 2)
         values, vectors = np.linalg.eigh(0.5 * (told + told.T))
-        return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T @ np.linalg.pinv(self.slopes[:, own]))
+        return np.asarray(
+            np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T @ np.linalg.pinv(self.slopes[:, own], rcond=_ROUNDING)
+        )
 
     def find_set(self, effects: tuple[int, ...]) -> EqualMotion:
         """Find the most probable point of a set at which y is as at the fit's point."""
@@ -167,11 +167,11 @@ class _ArmMotion:
 
         values = np.clip(theta[own], low, high)
         residual = compute_residual(values)
-        for _ in range(_MOST_STEPS):
+        for _ in range(SEARCH.most_matching_steps):
             step = np.linalg.lstsq(slopes, -residual)[0]
             moved = np.clip(values + step, low, high)
             left = compute_residual(moved)
-            if left @ left >= residual @ residual or np.abs(moved - values).max() < _LEAST_STEP:
+            if left @ left >= residual @ residual:
                 break
             values, residual = moved, left
         cost = 0.5 * residual @ residual + SEARCH.effect_penalty * self.fit.misfit_temperature * len(effects)

@@ -228,7 +228,7 @@ def _fit_rivals(at: Sensitivities, lead: Fit, fitted: list[Fit], words: Candidat
         for atoms in fewer
         if lead.predicted_evidence(atoms) > lead.evidence_here - SEARCH.look_alike_margin * lead.misfit_temperature
     ]
-    begin = [
+    begin: list[RefitCall] = [
         *((refit_without, atoms) for atoms in fewer),
         *((refit_swapping, atoms) for atoms in find_look_alikes(lead, fitted, words)),
         *((partial(refit_at_point, one.point), one.effects) for one in find_equal_motions(lead, words)),

@@ -75,6 +75,8 @@ class SearchSettings:
     most_equal_motions_tried: int = declare_setting(
         200, "sets", "of these, sets whose mass matrix and weight are compared, the smallest ones first: time"
     )
+    compared_poses: int = declare_setting(24, "poses", "poses of the log at which mass matrix and weight are compared")
+    most_matching_steps: int = declare_setting(30, "steps", "steps at most to the numbers that make these equal")
     finalist_count: int = declare_setting(2, "hypotheses", "hypotheses beside the null model that go on after the race")
     merging_round: int = declare_setting(2, "round", "after it a set with two starts keeps the better one")
     trailing_share: float = declare_setting(
