@@ -26,7 +26,7 @@ from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.prediction.measurement_model import read_joint_angles
 
-_ROUNDING = float(np.sqrt(np.finfo(float).eps))  # of the largest sum of numbers, below which a sum is none
+_RANK_PRECISION = float(np.sqrt(np.finfo(float).eps))  # of the largest sum of numbers, below which a sum is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ class _ArmMotion:
         told = np.linalg.inv(covariance) - np.diag(1.0 / widths[own] ** 2)
         values, vectors = np.linalg.eigh(0.5 * (told + told.T))
         return np.asarray(
-            np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T @ np.linalg.pinv(self.slopes[:, own], rcond=_ROUNDING)
+            np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T @ np.linalg.pinv(self.slopes[:, own], rcond=_RANK_PRECISION)
         )
 
     def find_set(self, effects: tuple[int, ...]) -> EqualMotion:
