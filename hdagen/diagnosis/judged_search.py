@@ -19,6 +19,7 @@ from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import is_at_bound
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
+from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.stages.stage import Stage, StageListener
 from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.log.data_table import LogError
@@ -105,8 +106,8 @@ class JudgedSearch:
 
         Returns:
             Whether the verdict has wrong numbers of the file, none at an end of its range, and clearly leaves less of
-            the motion that decides than the other verdict, or about as little with fewer effects. Logs that contradict
-            each other correct nothing.
+            the motion that decides than the other verdict, or about as little with fewer effects, or little more with
+            fewer effects and clearly more log evidence. Logs that contradict each other correct nothing.
 
         """
         if other.checked.contradiction is not None:
@@ -116,9 +117,17 @@ class JudgedSearch:
         ):
             return False
         gap, theirs = self.checked.settled.deciding_gap, other.checked.settled.deciding_gap
+        if self._is_likelier_and_simpler(other):
+            return bool(gap["after"] < DECISION.largest_gap_of_likelier * theirs["after"])
         if not is_gap_alike(gap, theirs):
             return bool(gap["after"] < theirs["after"])
         return is_gap_alike(theirs, gap) and 0 < len(self.verdict) < len(other.verdict)
+
+    def _is_likelier_and_simpler(self, other: JudgedSearch) -> bool:
+        """Whether its verdict has fewer effects and clearly more log evidence than that of another search."""
+        lead = self.best.evidence_here - other.best.evidence_here
+        least = SEARCH.close_call_margin * other.best.misfit_temperature
+        return 0 < len(self.verdict) < len(other.verdict) and lead > least
 
     @property
     def verdict(self) -> tuple[str, ...]:

@@ -23,6 +23,11 @@ class FakeJudgedSearch(JudgedSearch):
     """A search without fits: ``told`` has the names of the properties that the fits would give as true."""
 
     told: frozenset[str]
+    evidence: float
+
+    @property
+    def best(self) -> Any:
+        return SimpleNamespace(evidence_here=self.evidence, misfit_temperature=1.0)
 
     @property
     def may_stand_for_numbers(self) -> bool:
@@ -44,9 +49,10 @@ def judged(
     end: str | None = None,
     is_sure: bool = True,
     told: str = "may_lack_numbers",
+    evidence: float = 0.0,
 ) -> JudgedSearch:
     """A search whose verdict leaves ``after`` times the noise on the motion that decides; ``end``: of the range of its
-    effects, where they stand at one; ``told``: the property of the fits that is true."""
+    effects, where they stand at one; ``told``: the property of the fits that is true; ``evidence``: log evidence of its fit."""
     gap = {"before": BEFORE, "after": after, "by_channel": {"motor_position_1": {"after": after}}}
     size = {"value": 1.0, "std": 0.1, "end": end}
     causes = [{"effect": name[:-2], "joint": int(name[-1]), "parameters": {"size": size}} for name in verdict]
@@ -57,7 +63,7 @@ def judged(
         contradiction=contradiction, settled=SimpleNamespace(deciding_gap=gap, statement=statement)
     )
     numbers = frozenset({"motor_inertia@1", "mass@1", "inertia@1"})
-    return FakeJudgedSearch(SEARCH, checked, (), numbers, frozenset({told}))
+    return FakeJudgedSearch(SEARCH, checked, (), numbers, frozenset({told}), evidence)
 
 
 class Numbers:
@@ -134,6 +140,25 @@ def test_what_leaves_clearly_less_stands(first: Any, second: Any, stands: str) -
     numbers = Numbers(both["second"])
     assert judge_with_numbers(lambda _: both["first"], SEARCH, numbers) is both[stands]
     assert numbers.asked == [tuple(first[1:])]
+
+
+@pytest.mark.parametrize(
+    ("after", "evidence", "numbers", "stands"),
+    [
+        (13.6, 47.0, ["mass@1"], "second"),  # little more is left, but the one number is far more probable
+        (13.6, 5.0, ["mass@1"], "first"),  # not clearly more probable
+        (30.0, 47.0, ["mass@1"], "first"),  # much more is left
+        (13.6, 47.0, ["mass@1", "inertia@1"], "first"),  # no fewer effects
+    ],
+)
+def test_a_likelier_number_in_place_of_two_effects_stands_though_it_leaves_a_little_more(
+    after: float, evidence: float, numbers: list[str], stands: str
+) -> None:
+    both = {
+        "first": judged(11.8, "cable_spring@1", "torque_ripple@1"),
+        "second": judged(after, *numbers, evidence=evidence),
+    }
+    assert judge_with_numbers(lambda _: both["first"], SEARCH, Numbers(both["second"])) is both[stands]
 
 
 def test_a_number_at_an_end_of_its_range_corrects_nothing() -> None:

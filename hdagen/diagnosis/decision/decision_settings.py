@@ -108,6 +108,12 @@ class DecisionSettings:
         "a file that looks like another machine's, but whose wrong numbers are surely named, leaves less on held-out "
         "motion: its numbers are causes, and no reason to refuse it",
     )
+    largest_gap_of_likelier: float = declare_setting(
+        1.5,
+        "of what the other verdict leaves",
+        "wrong numbers with fewer effects and clearly more log evidence leave less on held-out motion: small "
+        "errors of any fit grow over a long motion",
+    )
     most_shown_parameters: int = declare_setting(4, "parameters", "parameters that a refusal names")
 
 

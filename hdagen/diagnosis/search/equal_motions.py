@@ -146,7 +146,9 @@ class _ArmMotion:
         told = np.linalg.inv(covariance) - np.diag(1.0 / widths[own] ** 2)
         values, vectors = np.linalg.eigh(0.5 * (told + told.T))
         return np.asarray(
-            np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T @ np.linalg.pinv(self.slopes[:, own], rcond=_RANK_PRECISION)
+            np.sqrt(np.maximum(values, 0.0))[:, None]
+            * vectors.T
+            @ np.linalg.pinv(self.slopes[:, own], rcond=_RANK_PRECISION)
         )
 
     def find_set(self, effects: tuple[int, ...]) -> EqualMotion:
