@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 import wrist
+from catalogue import EFFECTS
 
 from hdagen.diagnosis.data.models import load_models
 from hdagen.diagnosis.data.prepared_data import prepare_data
 from hdagen.diagnosis.decision.decision_settings import DECISION
-from hdagen.diagnosis.decision.file_trust import has_exact_number, measure_number_gain
+from hdagen.diagnosis.decision.file_trust import describe_factor, has_exact_number, measure_number_gain
+from hdagen.diagnosis.inference.candidate_priors import Candidate
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.null_model import fit_null_model
 from hdagen.diagnosis.stages.time_budget import TimeBudget
@@ -52,3 +54,9 @@ def test_wrong_inertias_gain_little_of_what_a_friction_explains(tmp_path: Path) 
 
 def test_a_number_that_the_file_claims_to_know_exactly_is_told(tmp_path: Path) -> None:
     assert has_exact_number(fit_machine(tmp_path, {}, EXACT))
+
+
+def test_a_spring_that_the_model_lacks_has_no_factor() -> None:
+    """Of a verdict of rigid drives the search with springs has candidates, too."""
+    spring = Candidate(EFFECTS["missing_compliance"], 1, ("missing_compliance_1",), {}, True, True)
+    assert describe_factor(spring, {}, {"missing_compliance_1": {"value": 1e-4, "std": 1e-5}}) == {}

@@ -103,8 +103,8 @@ def describe_factor(
 
     Returns:
         The factor, truth over file, as an estimate named "factor"; of a centre of mass or an inertia in space, the part
-        of the true one along the file's. Empty where the candidate is no number, where the
-        file states 0, and where the model does not have it, as one of rigid drives has no spring.
+        of the true one along the file's. Empty where the candidate is no number, where the file states 0, and where the
+        model does not have it, as one of rigid drives has no spring.
 
     """
     names = [name for name in candidate.amplitudes if name in parameters and name in described]

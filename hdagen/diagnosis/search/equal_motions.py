@@ -116,7 +116,7 @@ class _ArmMotion:
 
     @cached_property
     def slopes(self) -> Array:
-        """The change of y with each θ (y, P): exact, as y is at most quadratic in each of them."""
+        """The change of y with each θ (y, P): exact where y is at most quadratic in it, as in numbers of links."""
         at, found = self.fit.sensitivities, []
         for c, width in zip(at.candidates.columns, at.candidates.spike_widths, strict=True):
             ends = []
@@ -143,7 +143,7 @@ class _ArmMotion:
         """Of each entry of y: |weights (y − y_0)|² / 2 is the log likelihood that the log takes away."""
         own, widths = self.columns, compute_hypothesis_widths(self.fit.sensitivities, self.fit.effects)
         covariance = self.fit.posterior[1][np.ix_(own, own)]
-        told = np.linalg.inv(covariance) - np.diag(1.0 / widths[own] ** 2)
+        told = np.linalg.pinv(covariance, hermitian=True) - np.diag(1.0 / widths[own] ** 2)
         values, vectors = np.linalg.eigh(0.5 * (told + told.T))
         return np.asarray(
             np.sqrt(np.maximum(values, 0.0))[:, None]
