@@ -79,8 +79,11 @@ def test_what_begins_beyond_a_limit_comes_back_without_breaking_another(limit: d
 
 def test_no_plan_runs_into_a_springs_pole(hard: tuple[Arm, Trial, TrialOutcome]) -> None:
     """A flexspline stiffens towards a pole not far beyond the limit of its torque; a plan that was linearised there
-    swings from tick to tick, by thousands of N m and hundreds of rad/s. In one tick of 2500 the solver's last steps rest
-    on rounding, which differs between processors: it may end at its cap there, and the next tick is solved again."""
+    swings from tick to tick, by thousands of N m and hundreds of rad/s.
+
+    In one tick of 2500 the solver's last steps rest on rounding, which differs between processors: it may end at its
+    cap there. The next tick is solved again.
+    """
     reports = hard[1].reports
     assert max(r.predicted_violation["motor_speed"] for r in reports) < 1.0
     assert max(r.predicted_violation["joint_torque"] for r in reports) < 200.0
