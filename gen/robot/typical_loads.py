@@ -119,7 +119,7 @@ def _round_to_1_2_5(size: float) -> float:
 
 
 def lifting_torque(robot: Robot, j: int) -> float:
-    """Find the torque that lifts the stretched, level arm and accelerates it by SWIFTLY.
+    """Find the torque that lifts the stretched, level arm and accelerates it by SWIFT_ACCELERATION.
 
     Args:
         robot: The robot description.

@@ -117,17 +117,17 @@ class JudgedSearch:
         ):
             return False
         gap, theirs = self.checked.settled.deciding_gap, other.checked.settled.deciding_gap
-        if self._is_likelier_and_simpler(other):
+        is_simpler = 0 < len(self.verdict) < len(other.verdict)
+        if is_simpler and self._is_clearly_likelier(other):
             return bool(gap["after"] < DECISION.largest_gap_of_likelier * theirs["after"])
         if not is_gap_alike(gap, theirs):
             return bool(gap["after"] < theirs["after"])
-        return is_gap_alike(theirs, gap) and 0 < len(self.verdict) < len(other.verdict)
+        return is_simpler and is_gap_alike(theirs, gap)
 
-    def _is_likelier_and_simpler(self, other: JudgedSearch) -> bool:
-        """Whether its verdict has fewer effects and clearly more log evidence than that of another search."""
+    def _is_clearly_likelier(self, other: JudgedSearch) -> bool:
+        """Whether its verdict has clearly more log evidence than that of another search."""
         lead = self.best.evidence_here - other.best.evidence_here
-        least = SEARCH.close_call_margin * other.best.misfit_temperature
-        return 0 < len(self.verdict) < len(other.verdict) and lead > least
+        return lead > SEARCH.close_call_margin * other.best.misfit_temperature
 
     @property
     def verdict(self) -> tuple[str, ...]:

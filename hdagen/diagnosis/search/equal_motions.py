@@ -5,8 +5,7 @@ rotor is smaller. The linear model of a fit shows that for small changes; mass m
 without a simulation.
 
 Source: the sums are the base parameters of Gautier and Khalil, IEEE Trans. Robotics and Automation 6 (1990) 368.
-Legend: θ parameters in typical sizes (P); y entries of M(q) and g(q) at poses of the log; d change of θ in the linear
-model that changes y as much as θ does.
+Legend: θ parameters in typical sizes (P); y entries of M(q) and g(q) at poses of the log.
 """
 
 from __future__ import annotations
@@ -151,13 +150,18 @@ class _ArmMotion:
             @ np.linalg.pinv(self.slopes[:, own], rcond=_RANK_PRECISION)
         )
 
+    @cached_property
+    def weighted_slopes(self) -> Array:
+        """The change of the weighted y with each θ that changes it."""
+        return np.asarray(self.weights @ self.slopes[:, self.columns])
+
     def find_set(self, effects: tuple[int, ...]) -> EqualMotion:
         """Find the most probable point of a set at which y is as at the fit's point."""
         at, own = self.fit.sensitivities, self.columns
         words, theta = at.candidates.with_active(effects), at.candidates.to_theta(at.point.p)
         widths = compute_hypothesis_widths(at, effects)[own]
         low, high = (end[own] for end in words.theta_bounds(at.shooting.arm))
-        slopes = np.vstack([self.weights @ self.slopes[:, own], np.diag(1.0 / widths)])
+        slopes = np.vstack([self.weighted_slopes, np.diag(1.0 / widths)])
 
         def place(values: Array) -> OperatingPoint:
             moved = theta.copy()

@@ -219,9 +219,8 @@ def run_races(
 
 
 def _fit_rivals(at: Sensitivities, lead: Fit, fitted: list[Fit], words: CandidateSet) -> list[Fit]:
-    """Fit the leading set without one of its effects or all of them, its look-alikes, sets that move the
-    arm alike, and several effects once more
-    from the robot file's numbers, as long as there is time."""
+    """Fit the leading set without one of its effects or all of them, its look-alikes, sets that move the arm alike, and
+    several effects once more from the robot file's numbers, as long as there is time."""
     fewer = [atoms for atoms in lead.subsets[:-1] if len(atoms) in {0, len(lead.effects) - 1}]
     fewer = [
         atoms
