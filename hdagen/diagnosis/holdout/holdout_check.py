@@ -9,10 +9,12 @@ from typing import Any
 
 from hdagen.adoption.verdict import Verdict
 from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, add_direct_evidence
 from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.decision.verdict_content import StatedEffects, estimate_base_parameters, state_effects
-from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion, lead_with_effects
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
+from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion, lead_with_effects, lead_with_long_windows
 from hdagen.diagnosis.holdout.small_effects import drop_small_effects
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import (
@@ -26,6 +28,8 @@ from hdagen.diagnosis.holdout.verdict_withdrawal import (
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
+
+LongWindowSearch = Callable[[Decision], Decision | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +135,34 @@ class HoldoutJudge:
         if tried.is_unknown or is_at_bound(known_statement.confirmed.effects, known_statement.stated.causes):
             return None
         return tried
+
+    def try_long_windows(self, decision: Decision, search_long_windows: LongWindowSearch) -> Decision:
+        """Name effects of long windows in place of a verdict that leaves much of the motion.
+
+        Args:
+            decision: a decision whose verdict is nothing unknown.
+            search_long_windows: searches long windows for effects that act all the time.
+
+        Returns:
+            The decision for the effects of long windows where these leave several times less, or where no effect is
+            said and they close a third of what that leaves; else as it is.
+
+        Raises:
+            PlantError: a model cannot be simulated.
+
+        """
+        stated = self._state_leading_set(decision)
+        left = float(stated.confirmed.gap["after"])
+        if left <= DATA.significant_noise_multiple or stated.decision.direct_evidence:
+            return decision
+        lasting = search_long_windows(stated.decision)
+        if lasting is None or lasting.hypotheses[0].names == stated.decision.verdict:
+            return decision
+        tried = self.state_decision(lead_with_long_windows(stated.decision, lasting))
+        most = HOLDOUT_CHECK.most_remaining_share * left
+        if stated.decision.verdict:
+            most = left / HOLDOUT_CHECK.leading_gap_ratio
+        return tried.decision if tried.confirmed.gap["after"] < most else decision
 
     def settle_decision(self, decision: Decision, last: HoldoutMotion) -> SettledStatement:
         """Check a decision on the motion, and state it.
@@ -238,15 +270,13 @@ def choose_model(arm: Arm, decision: Decision, said: Verdict) -> Arm:
     return next((model for model in models if needed <= model.parameters.described.keys()), arm)
 
 
-def choose_decision(
-    decision: Decision, judge: HoldoutJudge, search_long_windows: Callable[[Decision], Decision | None]
-) -> Decision:
-    """Choose the decision where something unknown may be present.
+def choose_decision(decision: Decision, judge: HoldoutJudge, search_long_windows: LongWindowSearch) -> Decision:
+    """Choose the decision where something unknown may be present, or where the verdict leaves much.
 
     Args:
         decision: of the short windows.
         judge: on motion that they did not see.
-        search_long_windows: searches for effects that act all the time, if something unknown still leads.
+        search_long_windows: searches for effects that act all the time, if something unknown or a large gap remains.
 
     Returns:
         The decision, which names known effects wherever the motion confirms them.
@@ -256,7 +286,7 @@ def choose_decision(
 
     """
     if not decision.is_unknown:
-        return decision
+        return judge.try_long_windows(decision, search_long_windows)
     if (better := judge.try_known_effects(decision)) is not None:
         return better
     lasting = search_long_windows(decision)

@@ -172,6 +172,22 @@ def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:
     return _state_leader(decision, other, _find_leader(decision), odds / (1.0 + odds))
 
 
+def lead_with_long_windows(decision: Decision, lasting: Decision) -> Decision:
+    """Put the set that leads over long windows in the place of the leading one.
+
+    Args:
+        decision: what is said.
+        lasting: the decision of a search over long windows; its first hypothesis was fitted.
+
+    Returns:
+        The decision for the set of long windows, not sure, as `exchange_leader` has it.
+
+    """
+    other = lasting.hypotheses[0]
+    here = sum(h.probability for h in decision.hypotheses if h.names == other.names)
+    return replace(exchange_leader(decision, replace(other, probability=here)), undetectable=lasting.undetectable)
+
+
 def _find_leader(decision: Decision) -> Hypothesis:
     """The hypothesis of the verdict."""
     return next(h for h in decision.hypotheses if h.names == decision.verdict)
@@ -181,7 +197,7 @@ def _state_leader(decision: Decision, lead: Hypothesis, second: Hypothesis, shar
     """The decision for a set that leads, where a second one has a share of the probability of both."""
     both = lead.probability + second.probability
     first = replace(lead, probability=(1.0 - share) * both)
-    rest = [h for h in decision.hypotheses if h not in (lead, second)]
+    rest = [h for h in decision.hypotheses if h.names not in (lead.names, second.names)]
     found = sorted([first, replace(second, probability=share * both), *rest], key=lambda h: -h.probability)
     return replace(
         decision,
