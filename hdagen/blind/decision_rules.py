@@ -64,6 +64,8 @@ RULES = (
     Rule("no effect is named where none is in doubt", DECISION, {"no_effect_threshold": 1.0}),
     Rule("numbers that the motion cannot part are combined", DECISION, {"confusable_odds": 1.0}),
     Rule("a robot file of another machine is refused", DECISION, {"least_file_probability": 0.0}),
+    Rule("a surely corrected file is no other machine's", DECISION, {"largest_share_left": 0.0}),
+    Rule("likelier and fewer numbers stand for effects", DECISION, {"largest_gap_of_likelier": 0.0}),
     Rule("a number at an end of its range makes unsure", DECISION, {"bound_tolerance": -BEYOND_EVERY_SIZE}),
     Rule("a small effect does not count as present", CANDIDATES, {"present_size": BELOW_EVERY_SIZE}),
     Rule("twice its tolerance is as the file states", CANDIDATES, {"base_deviation_limit": 0.0}),

@@ -106,9 +106,9 @@ def _search_long_windows(
     direct: Sequence[DirectEvidence],
     attempts: Attempts,
     on_stage: StageListener,
-    strange: Decision,
+    decision: Decision,
 ) -> Decision | None:
-    """The decision of a search over long windows, for one that names something unknown; None where it finds nothing."""
+    """The decision of a search over long windows; None where it finds nothing."""
     on_stage(Stage.LONG_HORIZON)
-    work = partial(search_long_horizon, strange, search, models.full, data.fitted, data.window, direct)
+    work = partial(search_long_horizon, decision, search, models.full, data.fitted, data.window, direct)
     return attempts.attempt_in_time("the search over long windows", work, None)

@@ -1,11 +1,11 @@
-"""A search over long windows for effects that act all the time, where short windows leave something unknown.
+"""A search over long windows for effects that act all the time, where short windows leave something unknown or much.
 
 A torque that no effect explains, as of a rough gear or a drive that does not follow its commands, comes and goes within
 hundredths of a second. In short windows it hides effects that act all the time; over long ones it averages out. So
-where something unknown leads, this search adds effects once more. It simulates long windows without an unknown torque,
-and adds one effect after another, each time the one that lowers the cost most. Then it drops those that lower next to
-nothing in parts of the log that they are not fitted to. A set with another effect in the place of one of them shares
-the probability.
+where something unknown leads, or a verdict leaves much of held-out motion, this search adds effects once more. It
+simulates long windows without an unknown torque, and adds one effect after another, each time the one that lowers the
+cost most. Then it drops those that lower next to nothing in parts of the log that they are not fitted to. A set with
+another effect in the place of one of them shares the probability.
 
 `long_window_fit` states the cost of a set of effects, and `long_window_errors` the errors that it counts.
 
@@ -43,10 +43,10 @@ FEWEST_WINDOWS = LONG_HORIZON.windows_of_part * DIRECT_EVIDENCE.folds
 def search_long_horizon(
     decision: Decision, found: SearchResult, arm: Arm, shown: LogPortion, window: float, alone: Sequence[DirectEvidence]
 ) -> Decision | None:
-    """Search long windows for known effects where short windows leave something unknown.
+    """Search long windows for known effects where short windows leave something unknown or much.
 
     Args:
-        decision: whose verdict is something unknown.
+        decision: whose verdict is something unknown, or leaves much.
         found: the search in short windows.
         arm: the model with every effect.
         shown: the rows (T,) of the log that were fitted.

@@ -1,16 +1,20 @@
-"""Known effects in place of something unknown: which set is weighed against it."""
+"""Known effects in place of something unknown: which set is weighed against it. And effects of long windows in place of
+a verdict that leaves much."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from catalogue import EFFECTS
 
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout import holdout_check
 from hdagen.diagnosis.holdout.holdout_check import HoldoutJudge
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet
 
 UNKNOWN, PAYLOAD, RIPPLE = ("unknown@1",), ("payload@1",), ("torque_ripple@1",)
@@ -40,9 +44,8 @@ def weighed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Decision, tuple[str, 
     return found
 
 
-def try_effects(monkeypatch: pytest.MonkeyPatch, gaps: dict[tuple[str, ...], float], shares: dict[Any, float]) -> None:
-    """Try the known effects beside something unknown, by what each set leaves of held-out motion."""
-    fits = {names: make_fit(names) for names in gaps}
+def judge_by(monkeypatch: pytest.MonkeyPatch, gaps: dict[tuple[str, ...], float]) -> HoldoutJudge:
+    """A judge that knows what each set leaves of held-out motion."""
 
     def state(_: HoldoutJudge, decision: Decision) -> Any:
         left = gaps[decision.verdict]
@@ -51,9 +54,15 @@ def try_effects(monkeypatch: pytest.MonkeyPatch, gaps: dict[tuple[str, ...], flo
         return SimpleNamespace(decision=decision, stated=SimpleNamespace(causes=()), confirmed=confirmed)
 
     monkeypatch.setattr(HoldoutJudge, "state_decision", state)
-    found = tuple(Hypothesis(names, share, fits.get(names)) for names, share in shares.items())
     unused: Any = None
-    judge = HoldoutJudge(unused, unused, unused, (), unused)
+    return HoldoutJudge(unused, unused, unused, (), unused)
+
+
+def try_effects(monkeypatch: pytest.MonkeyPatch, gaps: dict[tuple[str, ...], float], shares: dict[Any, float]) -> None:
+    """Try the known effects beside something unknown, by what each set leaves of held-out motion."""
+    fits = {names: make_fit(names) for names in gaps}
+    found = tuple(Hypothesis(names, share, fits.get(names)) for names, share in shares.items())
+    judge = judge_by(monkeypatch, gaps)
     assert judge.try_known_effects(Decision(found, UNKNOWN, shares[UNKNOWN], shares[UNKNOWN], fits[()])) is None
 
 
@@ -81,3 +90,50 @@ def test_an_effect_that_leads_the_known_ones_is_weighed_as_it_is(
     try_effects(monkeypatch, {(): 26.0, PAYLOAD: 12.0, RIPPLE: 25.0}, shares)
     ((decision, said),) = weighed
     assert said == PAYLOAD and {h.names: h.probability for h in decision.hypotheses} == shares
+
+
+def try_long_windows(
+    monkeypatch: pytest.MonkeyPatch, said: tuple[str, ...], found: tuple[str, ...], gaps: dict[tuple[str, ...], float]
+) -> Decision:
+    """Decide for a verdict, beside which long windows find a set that short ones did not fit."""
+    shares = {said: 0.6, RIPPLE: 0.1, PAYLOAD: 0.1}
+    fits = {said: make_fit(said)}
+    decision = Decision(
+        tuple(Hypothesis(names, share, fits.get(names)) for names, share in shares.items()), said, 0.6, 0.6, fits[said]
+    )
+    lasting = Hypothesis(found, 0.99, make_fit(found))
+    long = replace(decision, hypotheses=(lasting, *decision.hypotheses), best=lasting.fit, undetectable=("x@1",))
+    return judge_by(monkeypatch, gaps).try_long_windows(decision, lambda _: long)
+
+
+def test_an_effect_of_long_windows_takes_the_place_of_no_effect_where_it_closes_a_third(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    decision = try_long_windows(monkeypatch, (), PAYLOAD, {(): 286.0, PAYLOAD: 87.0})
+    assert decision.verdict == PAYLOAD and decision.is_long_horizon and not decision.is_sure
+    shares = {h.names: h.probability for h in decision.hypotheses}
+    assert len(shares) == len(decision.hypotheses) == 3  # the set stands once
+    assert shares[PAYLOAD] + shares[()] == pytest.approx(0.7) and shares[RIPPLE] == 0.1
+    assert decision.best.names == PAYLOAD
+
+
+@pytest.mark.parametrize(
+    ("said", "left", "closed"),
+    [
+        ((), 286.0, 286.0 * HOLDOUT_CHECK.most_remaining_share + 1.0),
+        ((), DATA.significant_noise_multiple, 1.0),  # nothing is left that counts
+        (RIPPLE, 286.0, 286.0 / HOLDOUT_CHECK.leading_gap_ratio + 1.0),  # an effect is named: it takes several times
+    ],
+)
+def test_what_long_windows_find_stands_back_where_it_closes_too_little(
+    monkeypatch: pytest.MonkeyPatch, said: tuple[str, ...], left: float, closed: float
+) -> None:
+    decision = try_long_windows(monkeypatch, said, PAYLOAD, {said: left, PAYLOAD: closed})
+    assert decision.verdict == said and not decision.is_long_horizon
+
+
+def test_an_effect_that_long_windows_find_takes_the_lead_where_another_leaves_several_times_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    decision = try_long_windows(monkeypatch, RIPPLE, PAYLOAD, {RIPPLE: 286.0, PAYLOAD: 25.0})
+    assert decision.verdict == PAYLOAD and not decision.is_sure
