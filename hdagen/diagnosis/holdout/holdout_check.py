@@ -144,8 +144,7 @@ class HoldoutJudge:
             search_long_windows: searches long windows for effects that act all the time.
 
         Returns:
-            The decision for the effects of long windows where these leave several times less, or where no effect is
-            said and they close a third of what that leaves; else as it is.
+            The decision for the effects of long windows where these leave several times less; else as it is.
 
         Raises:
             PlantError: a model cannot be simulated.
@@ -159,10 +158,8 @@ class HoldoutJudge:
         if lasting is None or lasting.hypotheses[0].names == stated.decision.verdict:
             return decision
         tried = self.state_decision(lead_with_long_windows(stated.decision, lasting))
-        most = HOLDOUT_CHECK.most_remaining_share * left
-        if stated.decision.verdict:
-            most = left / HOLDOUT_CHECK.leading_gap_ratio
-        return tried.decision if tried.confirmed.gap["after"] < most else decision
+        leads = tried.confirmed.gap["after"] * HOLDOUT_CHECK.leading_gap_ratio < left
+        return tried.decision if leads else decision
 
     def settle_decision(self, decision: Decision, last: HoldoutMotion) -> SettledStatement:
         """Check a decision on the motion, and state it.

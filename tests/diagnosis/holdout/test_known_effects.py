@@ -106,10 +106,10 @@ def try_long_windows(
     return judge_by(monkeypatch, gaps).try_long_windows(decision, lambda _: long)
 
 
-def test_an_effect_of_long_windows_takes_the_place_of_no_effect_where_it_closes_a_third(
+def test_an_effect_of_long_windows_takes_the_place_of_no_effect_that_leaves_several_times_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    decision = try_long_windows(monkeypatch, (), PAYLOAD, {(): 286.0, PAYLOAD: 87.0})
+    decision = try_long_windows(monkeypatch, (), PAYLOAD, {(): 286.0, PAYLOAD: 25.0})
     assert decision.verdict == PAYLOAD and decision.is_long_horizon and not decision.is_sure
     shares = {h.names: h.probability for h in decision.hypotheses}
     assert len(shares) == len(decision.hypotheses) == 3  # the set stands once
@@ -120,9 +120,9 @@ def test_an_effect_of_long_windows_takes_the_place_of_no_effect_where_it_closes_
 @pytest.mark.parametrize(
     ("said", "left", "closed"),
     [
-        ((), 286.0, 286.0 * HOLDOUT_CHECK.most_remaining_share + 1.0),
+        ((), 286.0, 286.0 / HOLDOUT_CHECK.leading_gap_ratio + 1.0),
         ((), DATA.significant_noise_multiple, 1.0),  # nothing is left that counts
-        (RIPPLE, 286.0, 286.0 / HOLDOUT_CHECK.leading_gap_ratio + 1.0),  # an effect is named: it takes several times
+        (RIPPLE, 286.0, 286.0 / HOLDOUT_CHECK.leading_gap_ratio + 1.0),
     ],
 )
 def test_what_long_windows_find_stands_back_where_it_closes_too_little(
