@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.models import Models
 from hdagen.diagnosis.data.prepared_data import PreparedData
+from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence
 from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.decision.wrong_robot import refuse_wrong_robot
 from hdagen.diagnosis.holdout.contradicting_holdout import find_contradiction
 from hdagen.diagnosis.holdout.holdout_check import HoldoutJudge, SettledStatement, choose_decision
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
-from hdagen.diagnosis.long_horizon import search_long_horizon
+from hdagen.diagnosis.long_horizon import LastingEffects
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.diagnosis.stages.stage import Stage, StageListener
 from hdagen.diagnosis.stages.time_budget import TimeBudget
 from hdagen.log.data_table import LogError
+
+LastingFinder = Callable[[SearchResult, Arm, LogPortion, float, Sequence[DirectEvidence]], LastingEffects | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +56,7 @@ def check_on_holdout(
     unseen: HoldoutMotion,
     budget: TimeBudget,
     on_stage: StageListener,
+    find_lasting: LastingFinder,
 ) -> CheckedVerdict:
     """Check a decision on held-out motion.
 
@@ -66,6 +71,7 @@ def check_on_holdout(
         unseen: the held-out motion.
         budget: the time of the diagnosis.
         on_stage: receives each stage as it begins.
+        find_lasting: finds effects over long windows, as `find_lasting_effects` does.
 
     Returns:
         The verdict that the motion confirms.
@@ -87,7 +93,8 @@ def check_on_holdout(
     if contradiction:
         settled = judge.withhold_verdict(scores, measured)
     else:
-        search_long = partial(_search_long_windows, models, data, search, direct, attempts, on_stage)
+        find = partial(find_lasting, search, models.full, data.fitted, data.window, direct)
+        search_long = partial(_search_long_windows, find, attempts, on_stage)
         settled = judge.settle_decision(_check_robot(choose_decision(scores, judge, search_long), data), measured)
     return CheckedVerdict(settled, tuple(direct), contradiction, measured, tuple(attempts.failures))
 
@@ -100,15 +107,9 @@ def _check_robot(decision: Decision, data: PreparedData) -> Decision:
 
 
 def _search_long_windows(
-    models: Models,
-    data: PreparedData,
-    search: SearchResult,
-    direct: Sequence[DirectEvidence],
-    attempts: Attempts,
-    on_stage: StageListener,
-    decision: Decision,
+    find: Callable[[], LastingEffects | None], attempts: Attempts, on_stage: StageListener, decision: Decision
 ) -> Decision | None:
-    """The decision of a search over long windows; None where it finds nothing."""
+    """The decision with the effects of long windows; None where these show none."""
     on_stage(Stage.LONG_HORIZON)
-    work = partial(search_long_horizon, decision, search, models.full, data.fitted, data.window, direct)
-    return attempts.attempt_in_time("the search over long windows", work, None)
+    lasting = attempts.attempt_in_time("the search over long windows", find, None)
+    return lasting.reweigh_decision(decision) if lasting else None

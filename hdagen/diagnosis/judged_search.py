@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from hdagen.diagnosis.checked_verdict import CheckedVerdict, check_on_holdout
+from hdagen.diagnosis.checked_verdict import CheckedVerdict, LastingFinder, check_on_holdout
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.models import Models
 from hdagen.diagnosis.data.prepared_data import PreparedData
@@ -18,6 +18,7 @@ from hdagen.diagnosis.holdout.small_effects import is_gap_alike
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import is_at_bound
 from hdagen.diagnosis.inference.local_fit import Fit
+from hdagen.diagnosis.long_horizon import find_lasting_effects
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.stages.stage import Stage, StageListener
@@ -146,6 +147,7 @@ class SearchJudge:
         unseen: the held-out motion without any effect.
         budget: the time of the diagnosis.
         on_stage: receives each stage as it begins.
+        find_lasting: finds effects over long windows.
 
     """
 
@@ -155,6 +157,7 @@ class SearchJudge:
     unseen: HoldoutMotion
     budget: TimeBudget
     on_stage: StageListener
+    find_lasting: LastingFinder = find_lasting_effects
 
     def judge_search(self, search: SearchResult) -> JudgedSearch:
         """Decide by a search, and check the decision on held-out motion.
@@ -174,7 +177,15 @@ class SearchJudge:
         prediction = predict_long_windows(search, self.data, self.budget)
         scores = score_hypotheses(search, prediction.log_odds)
         checked = check_on_holdout(
-            self.models, self.data, search, scores, self.direct_evidence, self.unseen, self.budget, self.on_stage
+            self.models,
+            self.data,
+            search,
+            scores,
+            self.direct_evidence,
+            self.unseen,
+            self.budget,
+            self.on_stage,
+            self.find_lasting,
         )
         keys = {number["name"] for number in self.models.full.manifest["numbers"]}
         numbers = (one.name for one in search.candidates.members if one.is_number or one.traits.name in keys)

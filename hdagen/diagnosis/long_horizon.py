@@ -15,20 +15,23 @@ Source: Ljung, System Identification (1999), 3.2 and 7.2 (simulation over a hori
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from hdagen.arm.arrays import Array
 from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence
 from hdagen.diagnosis.decision.direct_evidence_settings import DIRECT_EVIDENCE
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
-from hdagen.diagnosis.inference.local_fit import start_fit_at
+from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
+from hdagen.diagnosis.inference.local_fit import Fit, start_fit_at
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import OperatingPoint
 from hdagen.diagnosis.long_horizon_settings import LONG_HORIZON
@@ -40,13 +43,53 @@ from hdagen.prediction.window_replay import REPLAY_WINDOW
 FEWEST_WINDOWS = LONG_HORIZON.windows_of_part * DIRECT_EVIDENCE.folds
 
 
-def search_long_horizon(
-    decision: Decision, found: SearchResult, arm: Arm, shown: LogPortion, window: float, alone: Sequence[DirectEvidence]
-) -> Decision | None:
+@dataclass(frozen=True, eq=False)
+class LastingEffects:
+    """The effects that long windows show.
+
+    Attributes:
+        costs: by the names of a set, the cost of each set and of no effect; the leading set first.
+        fit: of the leading set in short windows, where long ones place it.
+        undetectable: effects that long windows would not show in their usual size, effect@joint.
+
+    """
+
+    costs: Mapping[tuple[str, ...], float]
+    fit: Fit
+    undetectable: tuple[str, ...]
+
+    def reweigh_decision(self, decision: Decision) -> Decision:
+        """Give a decision of short windows the known effects of long ones.
+
+        Args:
+            decision: of short windows, with or without something unknown.
+
+        Returns:
+            The decision with the most probable known effects of long windows first; its verdict is as it was.
+
+        """
+        lead = self.costs[self.fit.names]
+        weights = {names: float(np.exp(0.5 * (lead - cost))) for names, cost in self.costs.items() if names}
+        unexplained = [h for h in decision.hypotheses if h.is_unknown]
+        short = [h for h in decision.hypotheses if not h.is_unknown]
+        # what short windows know, long ones do not bear out
+        share = float(np.exp(0.5 * (lead - self.costs[()]))) / sum(h.probability for h in short)
+        weights |= {h.names: share * h.probability for h in short if h.names not in weights}
+        whole = (1.0 - sum(h.probability for h in unexplained)) / sum(weights.values())
+
+        def own_fit(names: tuple[str, ...]) -> Fit | None:
+            return self.fit if names == self.fit.names else None
+
+        known = [Hypothesis(names, whole * w, own_fit(names)) for names, w in weights.items()]
+        return replace(decision, hypotheses=(*known, *unexplained), best=self.fit, undetectable=self.undetectable)
+
+
+def find_lasting_effects(
+    found: SearchResult, arm: Arm, shown: LogPortion, window: float, alone: Sequence[DirectEvidence]
+) -> LastingEffects | None:
     """Search long windows for known effects where short windows leave something unknown or much.
 
     Args:
-        decision: whose verdict is something unknown, or leaves much.
         found: the search in short windows.
         arm: the model with every effect.
         shown: the rows (T,) of the log that were fitted.
@@ -54,7 +97,7 @@ def search_long_horizon(
         alone: effects with direct evidence, which every model has.
 
     Returns:
-        The decision with the most probable known effects of long windows; None if there are none, or too few windows.
+        The effects; None if there are none, or too few windows.
 
     Raises:
         LogError: the log does not fit the model.
@@ -81,16 +124,23 @@ def search_long_horizon(
     shooting = fit_of_arm.sensitivities.shooting
     start = OperatingPoint(p, shooting.filtered_initial_states(p))
     fit = start_fit_at(shooting, found.candidates, leading_set.atoms, start, fit_of_arm.score.posterior.s)
-    weights = {found.candidates.names_of(one.atoms): float(np.exp(0.5 * (leading_set.cost - one.cost))) for one in sets}
-    unexplained = [h for h in decision.hypotheses if h.is_unknown]
-    short = [h for h in decision.hypotheses if not h.is_unknown]
-    # what short windows know, long ones do not bear out
-    share = float(np.exp(0.5 * (leading_set.cost - none.cost))) / sum(h.probability for h in short)
-    weights |= {h.names: share * h.probability for h in short if h.names not in weights}
-    whole = (1.0 - sum(h.probability for h in unexplained)) / sum(weights.values())
-    known = [Hypothesis(names, whole * w, fit if names == fit.names else None) for names, w in weights.items()]
-    return replace(
-        decision, hypotheses=(*known, *unexplained), best=fit, undetectable=tuple(seen.find_undetectable(model))
+    costs = {found.candidates.names_of(one.atoms): one.cost for one in (*sets, none)}
+    return LastingEffects(costs, fit, tuple(seen.find_undetectable(model)))
+
+
+def list_settings_read() -> tuple[Any, ...]:
+    """List the settings on which the search over long windows depends.
+
+    Returns:
+        Their values.
+
+    """
+    return (
+        astuple(LONG_HORIZON),
+        astuple(CANDIDATES),
+        DIRECT_EVIDENCE.folds,
+        HOLDOUT_CHECK.most_remaining_share,
+        DATA.significant_noise_multiple,
     )
 
 

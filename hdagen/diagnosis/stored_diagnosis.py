@@ -1,7 +1,7 @@
 """A diagnosis decided again from its stored searches: the same verdict to the bit, and no set of effects fitted again.
 
-Replays of models run again, and so does the search over long windows, which depends on the decision. A replay of the
-same model is kept, so that several decisions of one diagnosis share it.
+Replays of models run again, and so does the search over long windows. Both are kept, so that several decisions of one
+diagnosis share them: a replay by its model, a search over long windows by the settings that it reads.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from typing import Any
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.models import load_models
 from hdagen.diagnosis.data.prepared_data import PreparedData, prepare_data
-from hdagen.diagnosis.decision.direct_evidence import find_direct_evidence
+from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, find_direct_evidence
 from hdagen.diagnosis.decision.verdict_content import describe_choice
 from hdagen.diagnosis.explanation import conclude_diagnosis
 from hdagen.diagnosis.holdout.unseen_motion import measure_without_effects
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.judged_search import JudgedSearch, SearchJudge, judge_numbers_first, judge_with_numbers
+from hdagen.diagnosis.long_horizon import LastingEffects, find_lasting_effects, list_settings_read
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 from hdagen.diagnosis.search.rigid_or_flexible import load_with_springs, make_spring_simulator
 from hdagen.diagnosis.search.stored_searches import RIGID, SPRINGS, Searches, needs_springs, read_searches
@@ -98,6 +100,42 @@ class RememberedData(PreparedData):
         found = replay(arm)
         with self.lock:
             return self.replays.setdefault(key, found)
+
+
+@dataclass(frozen=True, eq=False)
+class RememberedLastingEffects:
+    """Finds effects over long windows of one diagnosis, and keeps them.
+
+    Attributes:
+        known: by the search in short windows, and the settings.
+
+    """
+
+    known: dict[tuple[Any, ...], LastingEffects | None] = field(default_factory=dict)
+
+    def find(
+        self, found: SearchResult, arm: Arm, shown: LogPortion, window: float, alone: Sequence[DirectEvidence]
+    ) -> LastingEffects | None:
+        """Find the effects, or return those that were found before by the same settings.
+
+        Args:
+            found: the search in short windows.
+            arm: the model with every effect.
+            shown: the rows (T,) of the log that were fitted.
+            window: length of the short windows, s.
+            alone: effects with direct evidence.
+
+        Returns:
+            The effects; None if there are none.
+
+        Raises:
+            LogError: the log does not fit the model.
+
+        """
+        key = (found, *list_settings_read())
+        if key not in self.known:
+            self.known[key] = find_lasting_effects(found, arm, shown, window, alone)
+        return self.known[key]
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,4 +218,5 @@ def read_diagnosis(robot: str | Path, logs: Sequence[Log], searches: Path) -> St
     found = read_searches(searches, models.full.effects, simulators)
     unseen = measure_without_effects(models, data, found.null)
     direct = find_direct_evidence(models.full, data.record)
-    return StoredDiagnosis(SearchJudge(models, data, direct, unseen, TimeBudget(), ignore_stage), found)
+    find_lasting = RememberedLastingEffects().find
+    return StoredDiagnosis(SearchJudge(models, data, direct, unseen, TimeBudget(), ignore_stage, find_lasting), found)

@@ -101,8 +101,9 @@ def try_long_windows(
     decision = Decision(
         tuple(Hypothesis(names, share, fits.get(names)) for names, share in shares.items()), said, 0.6, 0.6, fits[said]
     )
-    lasting = Hypothesis(found, 0.99, make_fit(found))
-    long = replace(decision, hypotheses=(lasting, *decision.hypotheses), best=lasting.fit, undetectable=("x@1",))
+    fit = make_fit(found)
+    hypotheses = (Hypothesis(found, 0.99, fit), *decision.hypotheses)
+    long = replace(decision, hypotheses=hypotheses, best=fit, undetectable=("x@1",))
     return judge_by(monkeypatch, gaps).try_long_windows(decision, lambda _: long)
 
 
