@@ -117,7 +117,8 @@ def _lead_with_ordinary_frictions(decision: Decision, measure: Callable[[Decisio
     if not tried:
         return decision
     least = min(gaps.values(), key=lambda gap: float(gap["after"]))
-    best = min((one for one in tried if is_gap_alike(least, gaps[one.verdict])), key=lambda one: len(one.verdict))
+    alike = [one for one in tried if gaps[one.verdict] is least or is_gap_alike(least, gaps[one.verdict])]
+    best = min(alike, key=lambda one: len(one.verdict))
     told, ordinary = measure(decision), gaps[best.verdict]
     if not is_gap_alike(ordinary, told):
         return best if ordinary["after"] < told["after"] else decision
