@@ -14,10 +14,10 @@ from threading import Lock
 from typing import Any
 
 from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.checked_verdict import LastingFinder
 from hdagen.diagnosis.data.models import load_models
 from hdagen.diagnosis.data.prepared_data import PreparedData, prepare_data
-from hdagen.diagnosis.data.split import LogPortion
-from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, find_direct_evidence
+from hdagen.diagnosis.decision.direct_evidence import find_direct_evidence
 from hdagen.diagnosis.decision.verdict_content import describe_choice
 from hdagen.diagnosis.explanation import conclude_diagnosis
 from hdagen.diagnosis.holdout.unseen_motion import measure_without_effects
@@ -102,40 +102,18 @@ class RememberedData(PreparedData):
             return self.replays.setdefault(key, found)
 
 
-@dataclass(frozen=True, eq=False)
-class RememberedLastingEffects:
-    """Finds effects over long windows of one diagnosis, and keeps them.
+def remember_lasting_effects() -> LastingFinder:
+    """Make a `find_lasting_effects` that keeps what it finds in one diagnosis, by the search in short windows and the
+    settings."""
+    known: dict[tuple[Any, ...], LastingEffects | None] = {}
 
-    Attributes:
-        known: by the search in short windows, and the settings.
-
-    """
-
-    known: dict[tuple[Any, ...], LastingEffects | None] = field(default_factory=dict)
-
-    def find(
-        self, found: SearchResult, arm: Arm, shown: LogPortion, window: float, alone: Sequence[DirectEvidence]
-    ) -> LastingEffects | None:
-        """Find the effects, or return those that were found before by the same settings.
-
-        Args:
-            found: the search in short windows.
-            arm: the model with every effect.
-            shown: the rows (T,) of the log that were fitted.
-            window: length of the short windows, s.
-            alone: effects with direct evidence.
-
-        Returns:
-            The effects; None if there are none.
-
-        Raises:
-            LogError: the log does not fit the model.
-
-        """
+    def find(found: SearchResult, *data: Any) -> LastingEffects | None:
         key = (found, *list_settings_read())
-        if key not in self.known:
-            self.known[key] = find_lasting_effects(found, arm, shown, window, alone)
-        return self.known[key]
+        if key not in known:
+            known[key] = find_lasting_effects(found, *data)
+        return known[key]
+
+    return find
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,5 +196,5 @@ def read_diagnosis(robot: str | Path, logs: Sequence[Log], searches: Path) -> St
     found = read_searches(searches, models.full.effects, simulators)
     unseen = measure_without_effects(models, data, found.null)
     direct = find_direct_evidence(models.full, data.record)
-    find_lasting = RememberedLastingEffects().find
+    find_lasting = remember_lasting_effects()
     return StoredDiagnosis(SearchJudge(models, data, direct, unseen, TimeBudget(), ignore_stage, find_lasting), found)
