@@ -128,17 +128,17 @@ class _SearchRuns:
         self.as_stated = search_effects(self.models, self.data, self.null, self.on_stage)
         return self.as_stated
 
-    def search_with_numbers(self, may_have_springs: bool = True) -> SearchResult:
-        """Search with the file's numbers among the causes."""
+    def search_with_numbers(self, may_have_springs: bool = True, named: Sequence[str] = ()) -> SearchResult:
+        """Search with the file's numbers among the causes, beside what the first search ``named``."""
         null = fit_null_model(self.models.full, self.data.record, self.attempts.budget, with_numbers=True)
-        return search_effects(self.models, self.data, null, self.on_stage, may_have_springs)
+        return search_effects(self.models, self.data, null, self.on_stage, may_have_springs, named)
 
     def search_again(self, verdict: Sequence[str] | None) -> SearchResult | None:
         """Search with numbers after the other search; None where it takes too long. Springs in rigid joints, which take
         most of the time, are searched again only where they stand in the first ``verdict``, or where there was none."""
         springs = self.models.full.effects.series_springs
         has_springs = verdict is None or any(name.partition("@")[0] in springs for name in verdict)
-        found = self.search_with_numbers(has_springs)
+        found = self.search_with_numbers(has_springs, verdict or ())
         if not self.attempts.budget.is_left_out(NUMBER_SEARCH):
             self.with_numbers = found
         return self.with_numbers

@@ -234,6 +234,11 @@ class CandidateSet:
             return max(CANDIDATES.present_size, float(theta[own].max()))
         return max(CANDIDATES.present_size, self.measure_size(k, theta))
 
+    @property
+    def has_numbers(self) -> bool:
+        """Whether numbers of the robot file are among the candidates."""
+        return any(one.is_number for one in self.members)
+
     def is_absent_number(self, k: int) -> bool:
         """Tell whether a candidate is a number that the robot file states as 0, as a URDF's rotors are.
 

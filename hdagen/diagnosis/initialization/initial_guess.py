@@ -17,7 +17,7 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.windows import WindowedRecord, measure_usual_torque
 from hdagen.diagnosis.initialization.encoder_regression import estimate_from_encoders
 from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
-from hdagen.prediction.measurement_model import read_joint_angles
+from hdagen.diagnosis.initialization.wall_starts import list_wall_starts
 
 INPUT_SIZE_GRID = np.geomspace(*INITIALIZATION.input_size_ends, INITIALIZATION.input_size_count)
 INPUT_SHARE_GRID = np.linspace(*INITIALIZATION.input_share_ends, INITIALIZATION.input_share_count)
@@ -61,9 +61,8 @@ def guess_from_log(arm: Arm, record: WindowedRecord) -> InitialGuess:
         for q in scanned
         if abs(estimates[q.name]) > INITIALIZATION.least_scanned_guess * (q.typical or np.inf)
     }
-    shapes = _wall_positions(arm, record)
-    for name, value in (pair for twist in twisted for pair in twist.shapes.items()):
-        shapes[name] = (value, *shapes[name])
+    seen_walls = {name: angle for twist in twisted for name, angle in twist.shapes.items()}
+    shapes = list_wall_starts(arm, record, seen_walls)
     return InitialGuess(shapes, _input_effect_sizes(arm, record) | sized, estimates, _friction_units(arm, record))
 
 
@@ -87,19 +86,6 @@ def _friction_units(arm: Arm, record: WindowedRecord) -> dict[str, float]:
                     continue
                 if not described[f"{FRICTION_BY_UNIT[q.unit]}_{j}"].nominal:
                     found[name] = scale * q.typical
-    return found
-
-
-def _wall_positions(arm: Arm, record: WindowedRecord) -> dict[str, tuple[float, ...]]:
-    """List walls near the ends of each joint's range."""
-    found: dict[str, tuple[float, ...]] = {}
-    angles = read_joint_angles(arm, record.log)
-    for wall in (wall for traits in arm.effects.values() for wall in traits.walls):
-        shares = [1 - share if wall.side > 0 else share for share in INITIALIZATION.wall_tail_shares]
-        for j in range(1, arm.n + 1):
-            if f"{wall.edge}_{j}" in arm.parameters.described:
-                q = angles[record.visible_rows, j - 1]
-                found[f"{wall.edge}_{j}"] = tuple(float(np.quantile(q, share)) for share in shares)
     return found
 
 

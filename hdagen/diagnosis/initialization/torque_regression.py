@@ -31,7 +31,7 @@ from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.gauss_newton import place_sizes
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.parameter_scale import is_scale_free
-from hdagen.diagnosis.inference.sensitivities import Sensitivities
+from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
 from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
 from hdagen.diagnosis.residuals.torque_balance import TorqueBalance
@@ -40,11 +40,13 @@ from hdagen.support.parallel import map_in_threads
 
 @dataclass(frozen=True, eq=False)
 class RegressedSet:
-    """A set of effects with their sizes ``theta`` (C), 0 elsewhere; ``left``: half the sum of n log of each balance's
-    residual (mean square), plus the cost of the sizes; ``mean_squares``: these residuals (B)."""
+    """A set of effects with their sizes ``theta`` (C), 0 elsewhere; ``nuisance`` (C): the sizes of everything else that
+    is free beside them; ``criterion``: half the sum of n log of each balance's residual (mean square), plus the cost of
+    the sizes; ``mean_squares``: these residuals (B)."""
 
     effects: tuple[int, ...]
     theta: Array
+    nuisance: Array
     criterion: float
     mean_squares: Array
 
@@ -97,7 +99,7 @@ class TorqueRegression:
 
     def best_sets(self) -> list[RegressedSet]:
         """Return the best set of each number of effects from two to MOST, the smallest first. They grow as long as one
-        more effect explains much, and contain an effect larger than `INITIALIZATION.distant_size`."""
+        more effect explains much."""
         shown, beam = self._visible_candidates(), [self.fit_set(())]
         found: list[RegressedSet] = []
         for _ in range(INITIALIZATION.largest_regressed_set):
@@ -109,7 +111,7 @@ class TorqueRegression:
             if not beam or not self._is_worth_start(beam[0], less):
                 break
             found.append(beam[0])
-        return [one for one in found[1:] if np.abs(one.theta).max() > INITIALIZATION.distant_size]
+        return found[1:]
 
     def _enlarge_set(self, atoms: tuple[int, ...], shown: Sequence[int]) -> Iterator[tuple[int, ...]]:
         """Add each further effect that has a meaning beside a set."""
@@ -148,9 +150,9 @@ class TorqueRegression:
                 break
         cost = 0.5 * float(self.counts @ np.log(left)) + 0.5 * float((precision * theta**2).sum())
         cost += 0.5 * math.log(float(self.counts.sum())) * int(own.sum())
-        whole = np.zeros(len(self.candidates.columns))
-        whole[free[own]] = theta[own]
-        return RegressedSet(atoms, whole, cost, left)
+        sizes, nuisance = np.zeros((2, len(self.candidates.columns)))
+        sizes[free[own]], nuisance[free[~own]] = theta[own], theta[~own]
+        return RegressedSet(atoms, sizes, nuisance, cost, left)
 
     def _visible_candidates(self) -> list[int]:
         """List the candidates that a balance shows."""
@@ -186,9 +188,26 @@ def begin_sets(regression: TorqueRegression, at: Sensitivities, near: float) -> 
     """
 
     def begin(one: RegressedSet) -> Fit:
-        return start_fit(at, at.candidates, one.effects, near, place_sizes(at, at.candidates, one.effects, one.theta))
+        return start_fit(at, at.candidates, one.effects, near, place_regressed_set(at, at.candidates, one))
 
     return map_in_threads(begin, regression.best_sets())
+
+
+def place_regressed_set(at: Sensitivities, candidates: CandidateSet, found: RegressedSet) -> OperatingPoint:
+    """Return the point of a regressed set, with everything that is free beside it where the regression has it.
+
+    Args:
+        at: sensitivities about the robot file's numbers.
+        candidates: all candidates.
+        found: the set.
+
+    """
+    p = place_sizes(at, candidates, found.effects, found.theta).p.copy()
+    for size, c in zip(found.nuisance, candidates.columns, strict=True):
+        if size:
+            p[c.index] = c.center + float(size) * c.unit
+    p = at.shooting.arm.parameters.clip_to_bounds(p)
+    return OperatingPoint(p, at.shooting.filtered_initial_states(p))
 
 
 def _sample_stretches(record: WindowedRecord) -> list[LogPortion]:

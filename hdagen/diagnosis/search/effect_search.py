@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from functools import partial
 
@@ -19,7 +19,12 @@ from hdagen.diagnosis.stages.stage import StageListener
 
 
 def search_effects(
-    models: Models, data: PreparedData, null: NullModel, on_stage: StageListener, may_have_springs: bool = True
+    models: Models,
+    data: PreparedData,
+    null: NullModel,
+    on_stage: StageListener,
+    may_have_springs: bool = True,
+    named: Collection[str] = (),
 ) -> SearchResult:
     """Search the effects that explain a record, and springs in joints that the robot file calls rigid.
 
@@ -29,6 +34,7 @@ def search_effects(
         null: the fitted null model, with all candidates.
         on_stage: receives each stage as it begins.
         may_have_springs: whether springs are searched in joints that the robot file calls rigid.
+        named: effects that a search named which took the robot file as right, name@joint.
 
     Returns:
         The fits, and the screening. The search for springs is left out where it fails. Where the time is up, the best
@@ -38,7 +44,7 @@ def search_effects(
     attempts, budget, words = Attempts(), null.shooting.budget, null.candidates
     if budget.is_left_out("fits of single effects", (atom.name for atom in words.members)):
         return SearchResult(words, (restore_columns(null.fit, words),), (null.fit.score,))
-    found = search_hypotheses(null.shooting, words, on_stage)
+    found = search_hypotheses(null.shooting, words, on_stage, named)
     if budget.is_up:
         found = replace(found, fits=tuple(sort_by_evidence([*found.fits, null.fit])))
     if may_have_springs:

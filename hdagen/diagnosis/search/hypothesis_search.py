@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -45,6 +46,7 @@ from hdagen.diagnosis.search.ordinary_frictions import fit_ordinary_frictions
 from hdagen.diagnosis.search.ripple_order import add_ripple_orders
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.search.whole_drives import fit_whole_drives, list_absent_inertias
+from hdagen.diagnosis.search.whole_file import fit_whole_file
 from hdagen.diagnosis.search.wrong_numbers import (
     choose_wrong_numbers,
     free_wrong_numbers,
@@ -76,7 +78,9 @@ class SearchResult:
     failures: tuple[str, ...] = ()
 
 
-def search_hypotheses(shooting: MultipleShooting, words: CandidateSet, on_stage: StageListener) -> SearchResult:
+def search_hypotheses(
+    shooting: MultipleShooting, words: CandidateSet, on_stage: StageListener, named: Collection[str] = ()
+) -> SearchResult:
     """Search the effects that explain a record. All effects are screened in one linear model and at several sizes, the
     leading ones are fitted, then sets of them.
 
@@ -84,6 +88,7 @@ def search_hypotheses(shooting: MultipleShooting, words: CandidateSet, on_stage:
         shooting: the record and its model.
         words: all candidates.
         on_stage: receives each stage as it begins.
+        named: effects that a search named which took the robot file as right, name@joint.
 
     Returns:
         The fits, and the screening.
@@ -110,6 +115,8 @@ def search_hypotheses(shooting: MultipleShooting, words: CandidateSet, on_stage:
     field += start_promising(at, words, screened, starts, (), SEARCH.race_sizes[0], SEARCH.least_evidence_gain)
     if regression:
         field += begin_sets(regression, at, none.posterior.s)
+        if words.has_numbers and not shooting.budget.is_left_out("all numbers of the robot file together"):
+            field.append(fit_whole_file(regression, at, words, named, none.posterior.s))
     if len(numbers := choose_wrong_numbers(field[0])) > 1:
         field.append(start_fit(at, words, numbers, none.posterior.s))
     at.drop_products()

@@ -13,10 +13,9 @@ import logging
 from collections.abc import Sequence
 
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
-from hdagen.diagnosis.inference.gauss_newton import place_sizes
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
-from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
+from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, place_regressed_set
 from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_race import continue_fit
 from hdagen.diagnosis.search.search_settings import SEARCH
@@ -48,7 +47,7 @@ def fit_ordinary_frictions(
 
     def fit_set(atoms: tuple[int, ...]) -> Fit:
         LOGGER.info("fitting %s, from the regressed torque", " + ".join(candidates.names_of(atoms)))
-        start = place_sizes(at, candidates, atoms, regression.fit_set(atoms).theta)
+        start = place_regressed_set(at, candidates, regression.fit_set(atoms))
         begun = start_fit(at, candidates, atoms, near, start)
         return continue_fit(begun, candidates, SEARCH.most_further_steps, 1.0).without_columns()
 
