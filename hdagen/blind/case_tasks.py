@@ -20,7 +20,8 @@ from hdagen.diagnosis.data.models import BUILDS
 from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import read
 
-LONGEST_DIAGNOSIS = 600.0  # s
+TIME_OF_DIAGNOSIS = 480.0  # s; after it, a diagnosis states the best until then, and is not sure
+LONGEST_DIAGNOSIS = 600.0  # s; after it, a case is stopped
 _SMALLEST_ERROR = 1e-3  # multiple of the noise; a smaller error counts as this, as in docs/method/prediction.md
 _ROBOT_FILE, _LOG, _HOLD_OUT, _DIAGNOSIS = "robot.toml", "log.parquet", "hold_out.parquet", "diagnosis.json"
 
@@ -62,7 +63,7 @@ def make_gap_task(folder: Path, name: str, noise: Mapping[str, float], program: 
 
 
 def diagnose_case(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Diagnose a case by `hdagen diagnose` in a process of its own.
+    """Diagnose a case by `hdagen diagnose` in a process of its own, within `TIME_OF_DIAGNOSIS`.
 
     Args:
         folder: holds robot file and log, and takes what the command leaves.
@@ -85,6 +86,8 @@ def diagnose_case(folder: TaskFolder, parameters: Mapping[str, Any]) -> dict[str
         _LOG,
         "--out",
         "out",
+        "--within",
+        f"{TIME_OF_DIAGNOSIS:g}",
         *parameters.get("options", ()),
     ]
     try:

@@ -7,7 +7,7 @@ leading hypothesis is calibrated (`hdagen.diagnosis.decision.calibration`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -189,8 +189,9 @@ def score_hypotheses(
     seen = {fit: _relate_to_least_sizes(fit) for fit in set(stands.values())}
     for names in sorted(stands, key=len, reverse=True):
         less = _drop_negligible(names, seen[stands[names]], evidence, traits, numbers)
+        if less not in weight:
+            less = _find_evaluated_set(less, names, own)
         if less != names:
-            less = less if less in weight else ()
             weight[less] += weight[names]
             weight[names] = 0.0
             if less and numbers:  # it stands for the larger set from here on
@@ -360,6 +361,15 @@ def _drop_negligible(
         if alike and evidence[names] - evidence.get(rest, -np.inf) < least:
             return rest
     return large
+
+
+def _find_evaluated_set(
+    less: tuple[str, ...], names: tuple[str, ...], fitted: Collection[tuple[str, ...]]
+) -> tuple[str, ...]:
+    """The smallest fitted set that has all effects of ``less``, which was not evaluated, and none that ``names`` lacks;
+    ``names`` where there is none. Effects too small to count go with it: without them there is nothing to state."""
+    between = [one for one in fitted if set(less) < set(one) < set(names)]
+    return min(between, key=lambda one: (len(one), one), default=names)
 
 
 def _are_interchangeable(one: str, other: str, traits: Mapping[str, EffectTraits]) -> bool:

@@ -331,3 +331,41 @@ def test_a_number_that_the_file_leaves_out_is_as_likely_there_as_not() -> None:
     found = _weigh_hypotheses(evidence, {}, {}, frozenset({"motor_inertia@1"}))
     assert found[("motor_inertia@1",)] == found[()] and found[("motor_inertia@1", "payload@2")] == found[("payload@2",)]
     assert counted[("motor_inertia@1",)] == counted[("payload@2",)] < counted[()]
+
+
+def of_four_effects(sizes: list[float], three_fitted: bool) -> Any:
+    """A search whose best set has four effects, and was fitted without the last one, or not."""
+    names = ("cable_spring", "current_bias", "payload", "viscous_friction")
+    atoms = tuple(Candidate(EFFECTS[name], 2, (), {}, True) for name in names)
+    whole = standing(sizes, sizes)
+    words = whole.sensitivities.candidates
+    words.members, words.columns, words.spike_widths = atoms, (), np.full(4, 0.05)
+    words.names_of = lambda some: tuple(sorted(atoms[k].name for k in some))
+    fits = []
+    for effects in ((0, 1, 2, 3), *([(0, 1, 2)] if three_fitted else []), ()):
+        subsets = [(), *((k,) for k in effects), effects]
+        worth = dict.fromkeys(subsets, -60.0) | {effects: -60.0 if not effects else -float(4 - len(effects))}
+        fit = Stands(**{**vars(whole), "names": words.names_of(effects), "effects": effects, "subsets": list(worth)})
+        fit.tempered_evidence = lambda _, some, worth=worth: worth[some]
+        fit.temperature, fit.misfit_temperature, fit.noise_only_evidence, fit.evidence_here = 12.0, 1.0, 0.0, -1.0
+        fit.unexplained_torque = np.zeros(2)
+        fit.score = SimpleNamespace(posterior=SimpleNamespace(noise_level=1.0))
+        fits.append(fit)
+    return SimpleNamespace(candidates=words, fits=fits, screened=[SimpleNamespace(effects=(), evidence=-60.0)])
+
+
+@pytest.mark.parametrize(
+    ("sizes", "three_fitted", "said"),
+    [
+        ([0.9, 0.9, 0.9, 0.1], True, ("cable_spring@2", "current_bias@2", "payload@2")),
+        ([0.9, 0.9, 0.1, 0.1], True, ("cable_spring@2", "current_bias@2", "payload@2")),  # two alone were not evaluated
+        ([0.9, 0.9, 0.1, 0.1], False, ("cable_spring@2", "current_bias@2", "payload@2", "viscous_friction@2")),
+        ([0.1, 0.1, 0.1, 0.1], True, ()),
+    ],
+)
+def test_a_set_without_its_small_effects_that_was_not_evaluated_is_never_no_effect(
+    sizes: list[float], three_fitted: bool, said: tuple[str, ...]
+) -> None:
+    found = score_hypotheses(of_four_effects(sizes, three_fitted))
+    assert found.verdict == said
+    assert found.hypotheses[0].names == said
