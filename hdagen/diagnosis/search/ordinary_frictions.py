@@ -9,19 +9,16 @@ frictions in place of all others are fitted as well. Motion that no fit saw then
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
-from hdagen.diagnosis.inference.local_fit import Fit, start_fit
+from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
-from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, place_regressed_set
+from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
-from hdagen.diagnosis.search.hypothesis_race import continue_fit
+from hdagen.diagnosis.search.regressed_starts import fit_regressed_set
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.support.parallel import map_in_threads
-
-LOGGER = logging.getLogger(__name__)
 
 
 def fit_ordinary_frictions(
@@ -46,10 +43,7 @@ def fit_ordinary_frictions(
     candidates = candidates.with_spike_scale(lead.sensitivities.candidates.spike_scale)
 
     def fit_set(atoms: tuple[int, ...]) -> Fit:
-        LOGGER.info("fitting %s, from the regressed torque", " + ".join(candidates.names_of(atoms)))
-        start = place_regressed_set(at, candidates, regression.fit_set(atoms))
-        begun = start_fit(at, candidates, atoms, near, start)
-        return continue_fit(begun, candidates, SEARCH.most_further_steps, 1.0).without_columns()
+        return fit_regressed_set(regression, at, candidates, atoms, near).without_columns()
 
     def fit_sets(some: Sequence[tuple[int, ...]]) -> list[Fit]:
         return map_in_threads(fit_set, [one for one in dict.fromkeys(some) if candidates.names_of(one) not in ended])

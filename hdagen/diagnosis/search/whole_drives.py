@@ -7,23 +7,20 @@ that nothing explains. The regression of the torque knows about where all of the
 
 from __future__ import annotations
 
-import logging
-
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.alternative_starts import refit_from_start
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
-from hdagen.diagnosis.inference.local_fit import Fit, start_fit
+from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import InitialGuess, guess_from_log
-from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, place_regressed_set
+from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.hypothesis_race import continue_fit
 from hdagen.diagnosis.search.ordinary_frictions import list_ordinary_frictions
+from hdagen.diagnosis.search.regressed_starts import fit_regressed_set
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.search.wrong_numbers import drop_unneeded
-
-LOGGER = logging.getLogger(__name__)
 
 
 def fit_whole_drives(regression: TorqueRegression, at: Sensitivities, candidates: CandidateSet, near: float) -> Fit:
@@ -40,10 +37,7 @@ def fit_whole_drives(regression: TorqueRegression, at: Sensitivities, candidates
 
     """
     drives = tuple(sorted((*list_ordinary_frictions(candidates), *list_absent_inertias(candidates))))
-    LOGGER.info("fitting %s, from the regressed torque", " + ".join(candidates.names_of(drives)))
-    start = place_regressed_set(at, candidates, regression.fit_set(drives))
-    begun = start_fit(at, candidates, drives, near, start)
-    whole = _restart_fit(continue_fit(begun, candidates, SEARCH.most_further_steps, 1.0), at, candidates)
+    whole = _restart_fit(fit_regressed_set(regression, at, candidates, drives, near), at, candidates)
     return drop_unneeded(whole, candidates, drives)
 
 

@@ -7,22 +7,20 @@ and the effects that the regression of the torque finds. The linear model there 
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Collection
 from functools import partial
 
 from hdagen.diagnosis.inference.alternative_starts import refit_from_start, refit_swapping
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
-from hdagen.diagnosis.inference.local_fit import Fit, restore_columns, start_fit
+from hdagen.diagnosis.inference.local_fit import Fit, restore_columns
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
-from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, place_regressed_set
+from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
 from hdagen.diagnosis.search.hypothesis_race import continue_fit
 from hdagen.diagnosis.search.ordinary_frictions import list_ordinary_frictions
+from hdagen.diagnosis.search.regressed_starts import fit_regressed_set
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.support.parallel import map_in_threads
-
-LOGGER = logging.getLogger(__name__)
 
 
 def fit_whole_file(
@@ -42,10 +40,7 @@ def fit_whole_file(
 
     """
     members = _list_members(regression, candidates, named)
-    LOGGER.info("fitting %s, from the regressed torque", " + ".join(candidates.names_of(members)))
-    start = place_regressed_set(at, candidates, regression.fit_set(members))
-    whole = start_fit(at, candidates, members, near, start)
-    return _keep_proposed(_continue_to_end(candidates, whole), at, candidates)
+    return _keep_proposed(fit_regressed_set(regression, at, candidates, members, near), at, candidates)
 
 
 def _list_members(regression: TorqueRegression, candidates: CandidateSet, named: Collection[str]) -> tuple[int, ...]:
