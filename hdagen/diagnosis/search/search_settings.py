@@ -36,6 +36,9 @@ class SearchSettings:
     number_rounds: int = declare_setting(
         2, "rounds", "rounds in which wrong numbers are chosen: the linear model of the first may miss some"
     )
+    dropped_share: float = declare_setting(
+        0.1, "of the members", "of all numbers of the file, as many are dropped at once, one at least: time"
+    )
     least_evidence_gain: float = declare_setting(
         1.0,
         "temperatures of log evidence",

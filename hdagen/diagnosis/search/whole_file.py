@@ -71,13 +71,16 @@ def _keep_proposed(fit: Fit, at: Sensitivities, candidates: CandidateSet) -> Fit
 
 
 def _propose_members(fit: Fit) -> tuple[int, ...]:
-    """Propose the members to keep: those left when the least important goes, one after the other, where the linear
+    """Propose the members to keep: those left when the least important go, a few of many at once, where the linear
     model says that the rest is best."""
     kept = best = fit.effects
     highest = fit.predicted_evidence(kept) - _price_members(fit, len(kept))
     while kept:
         rests = [tuple(k for k in kept if k != one) for one in kept]
-        kept = max(rests, key=fit.predicted_evidence)
+        predicted = map_in_threads(fit.predicted_evidence, rests)
+        ranked = sorted(zip(predicted, kept, strict=True), reverse=True)
+        dropped = {one for _, one in ranked[: max(1, int(SEARCH.dropped_share * len(kept)))]}
+        kept = tuple(k for k in kept if k not in dropped)
         evidence = fit.predicted_evidence(kept) - _price_members(fit, len(kept))
         if evidence > highest:
             best, highest = kept, evidence
