@@ -82,7 +82,7 @@ def check_on_holdout(
 
     """
     attempts = Attempts(budget)
-    scores = _check_robot(scores, data)
+    scores = _check_robot(scores, data, budget)
     contradiction, judged, measured = None, unseen, unseen
     if data.holdout:
         judged, measured = unseen.split_in_halves()
@@ -95,13 +95,16 @@ def check_on_holdout(
     else:
         find = partial(find_lasting, search, models.full, data.fitted, data.window, direct)
         search_long = partial(_search_long_windows, find, attempts, on_stage)
-        settled = judge.settle_decision(_check_robot(choose_decision(scores, judge, search_long), data), measured)
+        settled = judge.settle_decision(
+            _check_robot(choose_decision(scores, judge, search_long), data, budget), measured
+        )
     return CheckedVerdict(settled, tuple(direct), contradiction, measured, tuple(attempts.failures))
 
 
-def _check_robot(decision: Decision, data: PreparedData) -> Decision:
-    """Return the decision. Raise LogError where it says that the robot file is another machine's."""
-    if not decision.is_unknown and (refused := refuse_wrong_robot(decision.best)):
+def _check_robot(decision: Decision, data: PreparedData, budget: TimeBudget) -> Decision:
+    """Return the decision. Raise LogError where it says that the robot file is another machine's; not where the time is
+    up, as what was not tried may explain the log."""
+    if not decision.is_unknown and not budget.is_up and (refused := refuse_wrong_robot(decision.best)):
         raise LogError([f"{data.logs[0].source}: {refused}"])
     return decision
 

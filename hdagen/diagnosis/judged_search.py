@@ -220,9 +220,9 @@ def judge_with_numbers(
         found = judge(search)
     except LogError:
         again = search_numbers(None)
-        if again is None or not again.describes_machine:
-            raise
-        return again
+        if again is not None and again.describes_machine:
+            return again
+        return judge(search)  # refuses once more, but where the time is up: what it found until then is stated
     if not found.is_file_in_doubt:
         return found
     return _choose_search(found, search_numbers(found.verdict))

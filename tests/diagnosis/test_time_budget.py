@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,13 +13,14 @@ from json_schemas import violations
 
 from hdagen.adoption.diagnosis_json_schema import build_json_schema
 from hdagen.arm.build_loader import PlantError
-from hdagen.diagnosis import pipeline
+from hdagen.diagnosis import checked_verdict, pipeline
 from hdagen.diagnosis.diagnosis import Diagnosis
 from hdagen.diagnosis.report.repeat_commands import DiagnosedFiles, format_commands
 from hdagen.diagnosis.report.sentences import say_untried, write_verdict
 from hdagen.diagnosis.stages.optional_stages import Attempts
 from hdagen.diagnosis.stages.stage import Stage
 from hdagen.diagnosis.stages.time_budget import TimeBudget, TimeUpError
+from hdagen.log.data_table import LogError
 from hdagen.log.measured_log import Log
 
 SECONDS = 100.0
@@ -81,6 +83,26 @@ def test_the_best_so_far_is_stated_whenever_the_time_is_up(
         assert set(parts["fits of single effects"]) == set(content["tried"]) > {"coulomb_friction@1"}
     if stage not in begun_early:
         assert found.verdict == ("coulomb_friction@1",)
+
+
+def test_a_set_that_outdoes_the_null_model_before_the_race_stands_where_the_time_is_up_then(robot: Path) -> None:
+    """The regression of the torque finds it, so the null model is out of the race that has no time for a step."""
+    log = wrist.move_wrist(robot, {"coulomb_friction_1": 5.0, "viscous_friction_1": 20.0}, 5.0)
+    found = diagnose(robot, log, Stage.RACE_ROUND_1)
+    assert not found.sure and list_parts(found.content)
+    assert found.verdict == ("coulomb_friction@1", "viscous_friction@1")
+
+
+def test_a_file_is_not_called_another_machines_where_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was not tried may explain the log."""
+    monkeypatch.setattr(checked_verdict, "refuse_wrong_robot", lambda _: "it is another machine's.")
+    decision: Any = SimpleNamespace(is_unknown=False, best=None)
+    data: Any = SimpleNamespace(logs=[SimpleNamespace(source="a.parquet")])
+    now = iter([0.0, 50.0, 150.0])
+    budget = TimeBudget(SECONDS, lambda: next(now))
+    with pytest.raises(LogError, match=r"a\.parquet: it is another machine's"):
+        checked_verdict._check_robot(decision, data, budget)
+    assert checked_verdict._check_robot(decision, data, budget) is decision
 
 
 def test_enough_time_is_as_good_as_no_limit(robot: Path, machine_log: Log) -> None:

@@ -196,6 +196,18 @@ def test_it_is_refused_where_wrong_numbers_leave_much_too(second: JudgedSearch |
         judge_with_numbers(refuse, SEARCH, Numbers(second))
 
 
+def test_a_file_that_seems_another_machines_is_judged_again_where_the_time_ends_before_its_numbers_are_searched() -> (
+    None
+):
+    """The judge refuses no file once the time is up."""
+    stated, numbers = judged(90.0, "viscous_friction@1"), Numbers(None)
+
+    def judge(search: SearchResult) -> JudgedSearch:
+        return stated if numbers.asked else refuse(search)
+
+    assert judge_with_numbers(judge, SEARCH, numbers) is stated
+
+
 def test_a_first_search_with_numbers_that_leaves_little_stands_alone() -> None:
     numbers = judged(5.0, "motor_inertia@1", "coulomb_friction@1")
     assert judge_numbers_first(numbers, pytest.fail, refuse) is numbers

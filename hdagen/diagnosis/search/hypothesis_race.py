@@ -159,9 +159,8 @@ def run_race(
     for number, most in enumerate((*sizes[1:], len(field)), 1):
         on_stage(RACE_STAGES[number - 1])
         given = (field.pop(0) for _ in range(len(field)))  # each old fit frees its memory as soon as its step is done
-        tried = map_in_threads(partial(_advance_in_time, words, f"round {number} of {len(sizes)}", number == 1), given)
-        if not (moved := sort_by_promise([fit for fit in tried if fit])):
-            return sort_by_promise(out)
+        step = partial(_advance_in_time, words, f"round {number} of {len(sizes)}", number == 1)
+        moved = sort_by_promise([fit for fit in map_in_threads(step, enumerate(given)) if fit])
         if budget.is_up:
             budget.note_untried("further steps of fits")
         if number == SEARCH.merging_round:
@@ -190,13 +189,14 @@ def _settle_finalists(field: list[Fit], words: CandidateSet, least: float) -> li
     return [*(f for f in field if f not in finalists), *settled]
 
 
-def _advance_in_time(words: CandidateSet, when: str, is_first: bool, fit: Fit) -> Fit | None:
-    """Take a step of a fit. Where the time is up, a fit that has taken none is noted and left out; the null model
-    stays."""
+def _advance_in_time(words: CandidateSet, when: str, is_first: bool, turn: tuple[int, Fit]) -> Fit | None:
+    """Take a step of the fit whose ``turn`` it is. Where the time is up, a fit that has taken none is noted and left
+    out; the most promising one and the null model stay."""
+    place, fit = turn
     budget, part, names = fit.sensitivities.shooting.budget, "fits of single effects", fit.names
     if len(names) > 1:
         part, names = "fits of sets of effects", ()
-    if is_first and fit.effects and budget.is_left_out(part, names):
+    if is_first and place and fit.effects and budget.is_left_out(part, names):
         return None
     moved = advance_with_note(words, when, fit)
     moved.sensitivities.drop_products()  # until the fit's next turn
