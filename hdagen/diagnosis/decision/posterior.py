@@ -190,7 +190,7 @@ def score_hypotheses(
     for names in sorted(stands, key=len, reverse=True):
         less = _drop_negligible(names, seen[stands[names]], evidence, traits, numbers)
         if less not in weight:
-            less = _find_evaluated_set(less, names, own)
+            less = _find_fitted_set(less, names, own)
         if less != names:
             weight[less] += weight[names]
             weight[names] = 0.0
@@ -363,11 +363,11 @@ def _drop_negligible(
     return large
 
 
-def _find_evaluated_set(
+def _find_fitted_set(
     less: tuple[str, ...], names: tuple[str, ...], fitted: Collection[tuple[str, ...]]
 ) -> tuple[str, ...]:
-    """The smallest fitted set that has all effects of ``less``, which was not evaluated, and none that ``names`` lacks;
-    ``names`` where there is none. Effects too small to count go with it: without them there is nothing to state."""
+    """The smallest fitted set between ``less`` and ``names``; ``names`` itself where there is none. ``less`` was not
+    evaluated, so there is no fit to state it by."""
     between = [one for one in fitted if set(less) < set(one) < set(names)]
     return min(between, key=lambda one: (len(one), one), default=names)
 

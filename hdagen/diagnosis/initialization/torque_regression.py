@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -97,9 +98,10 @@ class TorqueRegression:
         single_fits = {k: self.fit_set((k,)).theta for k in self._visible_candidates()}
         return {k: theta for k, theta in single_fits.items() if np.abs(theta).max() > INITIALIZATION.distant_size}
 
+    @cached_property
     def best_sets(self) -> list[RegressedSet]:
-        """Return the best set of each number of effects from two to MOST, the smallest first. They grow as long as one
-        more effect explains much."""
+        """The best set of each number of effects from two to `INITIALIZATION.largest_regressed_set`, the smallest
+        first. They grow as long as one more effect explains much."""
         shown, beam = self._visible_candidates(), [self.fit_set(())]
         found: list[RegressedSet] = []
         for _ in range(INITIALIZATION.largest_regressed_set):
@@ -190,7 +192,7 @@ def begin_sets(regression: TorqueRegression, at: Sensitivities, near: float) -> 
     def begin(one: RegressedSet) -> Fit:
         return start_fit(at, at.candidates, one.effects, near, place_regressed_set(at, at.candidates, one))
 
-    return map_in_threads(begin, regression.best_sets())
+    return map_in_threads(begin, regression.best_sets)
 
 
 def place_regressed_set(at: Sensitivities, candidates: CandidateSet, found: RegressedSet) -> OperatingPoint:

@@ -47,7 +47,7 @@ def _list_members(regression: TorqueRegression, candidates: CandidateSet, named:
     """List the numbers, the ordinary frictions, the effects of the largest regressed set, and the named ones."""
     members = {k for k, one in enumerate(candidates.members) if one.is_number}
     members.update(list_ordinary_frictions(candidates))
-    regressed = [k for found in regression.best_sets()[-1:] for k in found.effects]
+    regressed = [k for found in regression.best_sets[-1:] for k in found.effects]
     others = [k for k, one in enumerate(candidates.members) if one.name in named]
     for k in (*regressed, *others):
         if candidates.members[k].name not in candidates.names_of(tuple(members)):

@@ -59,7 +59,7 @@ def test_frictions_that_the_file_lacks_at_both_joints_are_found_together(
 ) -> None:
     arm, truth, log = lacking
     found, words = regressed(arm, log)
-    sets = {words.names_of(one.effects): one for one in found.best_sets()}
+    sets = {words.names_of(one.effects): one for one in found.best_sets}
     right = tuple(sorted(name.replace("_1", "@1").replace("_2", "@2") for name in truth))
     assert right in sets and max(map(len, sets)) <= INITIALIZATION.largest_regressed_set
     told = sizes(arm, words, sets[right].theta)
@@ -85,7 +85,7 @@ def test_friction_may_be_any_number_of_times_what_the_file_states(build: Builder
 def test_where_nothing_is_missing_no_set_is_proposed(build: Builder) -> None:
     arm = build_legs(build, 0.1, 0.3)
     found, _ = regressed(arm, drive_legs(arm, {}))
-    assert found.best_sets() == [] and found.distant_effects() == {}
+    assert found.best_sets == [] and found.distant_effects() == {}
 
 
 def test_friction_of_a_slow_joint_has_its_whole_level_however_wide_its_smooth_sign_is(build: Builder) -> None:
