@@ -84,3 +84,31 @@ def test_a_group_ends_with_its_block(tmp_path: Path) -> None:
     assert await_true(lambda: not lives(int((tmp_path / "pid").read_text())))
     with start_child_process(["true"]) as child:
         assert child.wait() == 0
+
+
+SWALLOWED = """
+import os, signal, sys
+from hdagen.support.child_processes import start_child_process
+from hdagen.support import parallel
+parallel.INTERRUPT_PATIENCE = 0.5
+deaf = "import time\\ntry:\\n    print(flush=True)\\n    time.sleep(600)\\nexcept: time.sleep(600)"
+def wait_for_deaf_child(k):
+    with start_child_process([sys.executable, "-c", deaf], stdout=-1, stderr=-3) as child:
+        child.stdout.readline()
+        if k:
+            os.kill(os.getpid(), signal.SIGINT)
+        return child.wait()
+parallel.map_in_threads(wait_for_deaf_child, range(2))
+"""
+
+
+def test_an_interrupt_that_a_child_swallows_is_sent_again() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", SWALLOWED], env=os.environ | {"PYTHONPATH": str(ROOT)}, stderr=subprocess.PIPE, text=True
+    ) as parent:
+        try:
+            said = parent.communicate(timeout=60)[1]
+        finally:
+            parent.kill()
+    assert parent.returncode == -signal.SIGINT
+    assert said.rstrip().endswith("KeyboardInterrupt")
