@@ -11,6 +11,7 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.models import Models
 from hdagen.diagnosis.data.prepared_data import PreparedData
 from hdagen.diagnosis.data.split import LogPortion
+from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence
 from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.decision.wrong_robot import refuse_wrong_robot
@@ -102,11 +103,21 @@ def check_on_holdout(
 
 
 def _check_robot(decision: Decision, data: PreparedData, budget: TimeBudget) -> Decision:
-    """Return the decision. Raise LogError where it says that the robot file is another machine's; not where the time is
-    up, as what was not tried may explain the log."""
-    if not decision.is_unknown and not budget.is_up and (refused := refuse_wrong_robot(decision.best)):
+    """Return the decision. Raise LogError where it surely says that the robot file is another machine's; not where the
+    time is up, as what was not tried may explain the log."""
+    if decision.is_unknown or budget.is_up:
+        return decision
+    if (refused := refuse_wrong_robot(decision.best)) and not _may_be_right_file(decision):
         raise LogError([f"{data.logs[0].source}: {refused}"])
     return decision
+
+
+def _may_be_right_file(decision: Decision) -> bool:
+    """Whether other hypotheses, with which the robot file can be right, hold too much probability for a refusal to be
+    sure. Beside something unknown it can always be right."""
+    fits = [h for h in decision.hypotheses if h.fit is not None and refuse_wrong_robot(h.fit) is None]
+    unknown = [h for h in decision.hypotheses if h.is_unknown]
+    return sum(h.probability for h in (*fits, *unknown)) > DECISION.sure_below
 
 
 def _search_long_windows(

@@ -96,13 +96,39 @@ def test_a_set_that_outdoes_the_null_model_before_the_race_stands_where_the_time
 def test_a_file_is_not_called_another_machines_where_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """What was not tried may explain the log."""
     monkeypatch.setattr(checked_verdict, "refuse_wrong_robot", lambda _: "it is another machine's.")
-    decision: Any = SimpleNamespace(is_unknown=False, best=None)
+    decision: Any = SimpleNamespace(is_unknown=False, best=None, hypotheses=())
     data: Any = SimpleNamespace(logs=[SimpleNamespace(source="a.parquet")])
     now = iter([0.0, 50.0, 150.0])
     budget = TimeBudget(SECONDS, lambda: next(now))
     with pytest.raises(LogError, match=r"a\.parquet: it is another machine's"):
         checked_verdict._check_robot(decision, data, budget)
     assert checked_verdict._check_robot(decision, data, budget) is decision
+
+
+@pytest.mark.parametrize(
+    ("shares", "is_refused"),
+    [
+        ({"strained": 0.95, "right": 0.05}, True),
+        ({"strained": 0.85, "right": 0.15}, False),
+        ({"strained": 0.85, "right": 0.04, "unknown@1": 0.11}, False),
+        ({"strained": 0.6, "unfitted": 0.4}, True),
+    ],
+)
+def test_a_file_is_refused_where_hypotheses_with_which_it_is_right_hold_little(
+    shares: dict[str, float], is_refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checked_verdict, "refuse_wrong_robot", lambda fit: "wrong" if fit == "strained" else None)
+    hypotheses = [
+        SimpleNamespace(probability=share, is_unknown=name == "unknown@1", fit=name if name[0] in "sr" else None)
+        for name, share in shares.items()
+    ]
+    decision: Any = SimpleNamespace(is_unknown=False, best="strained", hypotheses=hypotheses)
+    data: Any = SimpleNamespace(logs=[SimpleNamespace(source="a.parquet")])
+    if is_refused:
+        with pytest.raises(LogError, match="wrong"):
+            checked_verdict._check_robot(decision, data, TimeBudget())
+    else:
+        assert checked_verdict._check_robot(decision, data, TimeBudget()) is decision
 
 
 def test_enough_time_is_as_good_as_no_limit(robot: Path, machine_log: Log) -> None:

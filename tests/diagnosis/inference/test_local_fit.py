@@ -30,11 +30,14 @@ from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.stages.time_budget import TimeBudget
 
 
-def shaken(s: float) -> LinearModel:
-    """Windows of noise and of torques of size ``s``, which no parameter tells."""
+def shaken(s: float, many: int = 3, by_torque: bool = False) -> LinearModel:
+    """Windows of noise and of torques of size ``s``, which no parameter of ``many`` tells; ``by_torque``: each
+    parameter acts as a torque does."""
     rng = np.random.default_rng(11)
-    m, k, many, rows, windows = 2, 8, 3, 60, 40
+    m, k, rows, windows = 2, 8, 60, 40
     blocks = [rng.normal(size=(rows, m + k + many)) for _ in range(windows)]
+    if by_torque:
+        blocks = [np.hstack([b[:, : m + k], b[:, m : m + k] @ rng.normal(size=(k, many))]) for b in blocks]
     left = [rng.normal(size=rows) + b[:, m : m + k] @ (s * rng.normal(size=k)) for b in blocks]
     gram = CrossProducts(np.stack([b.T @ b for b in blocks]), m, k)
     z = np.stack([b.T @ r for b, r in zip(blocks, left, strict=True)])
@@ -56,6 +59,16 @@ def test_the_size_of_unexplained_torque_is_found_from_anywhere(true: float, near
     if true:
         assert best.s == pytest.approx(exact.s, rel=0.03)
     assert best.s == pytest.approx(true, rel=0.3, abs=0.05)
+
+
+def test_the_compared_evidence_is_smooth_in_the_size_of_torques() -> None:
+    """Hypotheses are compared by evidence for which a few columns pay. From a point of the grid of sizes to the next
+    one it had a step of some nine nats here."""
+    spike, own, found = np.full(30, 3.0), np.array([0]), []
+    for true in np.geomspace(0.3, 0.6, 17):
+        posteriors = compute_posteriors(shaken(true, 30, by_torque=True), spike, 0.3)
+        found.append(max(posteriors, key=lambda one: one.evidence).evidence_paid_by(spike, own))
+    assert np.abs(np.diff(found, 2)).max() < 2.0
 
 
 @pytest.mark.parametrize("s", [0.0, 0.03, 1.0])
