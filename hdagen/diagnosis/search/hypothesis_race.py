@@ -53,7 +53,7 @@ def adopt_spike_scale(fitted: list[Fit], words: CandidateSet) -> tuple[list[Fit]
     def go_on(fit: Fit) -> Fit:
         if not fit.has_columns:
             return fit
-        return continue_fit(fit, words, SEARCH.most_further_steps, 1.0)
+        return take_further_steps(fit, words)
 
     moved = sort_by_promise([adopt(fit) for fit in fitted])
     further = [fit for fit in moved if not fit.effects][:1] + [fit for fit in moved if fit.effects and fit.has_columns][
@@ -88,6 +88,20 @@ def continue_fit(fit: Fit, words: CandidateSet, steps: int, enough: float) -> Fi
     ):  # the steps after the best one brought next to nothing
         return replace(best, has_converged=True)
     return best
+
+
+def take_further_steps(fit: Fit, words: CandidateSet) -> Fit:
+    """Take the further steps of a fit that has begun, as long as each brings a temperature of log evidence.
+
+    Args:
+        fit: the fit.
+        words: all candidates.
+
+    Returns:
+        The fit after the step of most evidence reached.
+
+    """
+    return continue_fit(fit, words, SEARCH.most_further_steps, 1.0)
 
 
 def start_promising(
@@ -182,9 +196,7 @@ def _settle_finalists(field: list[Fit], words: CandidateSet, least: float) -> li
     reached = max(best[0].score.evidence, least)
     hopeless = reached - SEARCH.hopeless_margin * best[0].misfit_temperature
     finalists = [f for f in best if f.score.evidence >= hopeless]
-    settled = sort_by_promise(
-        map_in_threads(lambda f: continue_fit(f, words, SEARCH.most_further_steps, 1.0), finalists)
-    )
+    settled = sort_by_promise(map_in_threads(lambda f: take_further_steps(f, words), finalists))
     settled[:1] = [restore_columns(f, words) for f in settled[:1]]
     return [*(f for f in field if f not in finalists), *settled]
 

@@ -35,10 +35,10 @@ from hdagen.diagnosis.search.fit_ranking import (
 )
 from hdagen.diagnosis.search.hypothesis_race import (
     adopt_spike_scale,
-    continue_fit,
     run_race,
     start_promising,
     start_with_one_more,
+    take_further_steps,
 )
 from hdagen.diagnosis.search.multistart import scan_sizes
 from hdagen.diagnosis.search.null_model import make_nominal_point
@@ -142,7 +142,7 @@ def _add_numbers_alone(fitted: list[Fit], words: CandidateSet) -> list[Fit]:
     budget = lead.sensitivities.shooting.budget
     if not numbers or len(numbers) == len(lead.effects) or budget.is_left_out("wrong numbers alone"):
         return fitted
-    alone = continue_fit(refit_without(lead, words, numbers), words, SEARCH.most_further_steps, 1.0)
+    alone = take_further_steps(refit_without(lead, words, numbers), words)
     alone = free_wrong_numbers(alone, words) or alone
     return drop_undeserved(sort_by_promise([alone, *fitted]))
 

@@ -12,8 +12,7 @@ from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, place_regressed_set
-from hdagen.diagnosis.search.hypothesis_race import continue_fit
-from hdagen.diagnosis.search.search_settings import SEARCH
+from hdagen.diagnosis.search.hypothesis_race import take_further_steps
 
 LOGGER = logging.getLogger(__name__)
 
@@ -37,4 +36,4 @@ def fit_regressed_set(
     LOGGER.info("fitting %s, from the regressed torque", " + ".join(candidates.names_of(effects)))
     start = place_regressed_set(at, candidates, regression.fit_set(effects))
     begun = start_fit(at, candidates, effects, near, start)
-    return continue_fit(begun, candidates, SEARCH.most_further_steps, 1.0)
+    return take_further_steps(begun, candidates)

@@ -16,7 +16,7 @@ from hdagen.diagnosis.inference.sensitivities import Sensitivities
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import InitialGuess, guess_from_log
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
-from hdagen.diagnosis.search.hypothesis_race import continue_fit
+from hdagen.diagnosis.search.hypothesis_race import take_further_steps
 from hdagen.diagnosis.search.ordinary_frictions import list_ordinary_frictions
 from hdagen.diagnosis.search.regressed_starts import fit_regressed_set
 from hdagen.diagnosis.search.search_settings import SEARCH
@@ -71,7 +71,7 @@ def _restart_fit(fit: Fit, at: Sensitivities, candidates: CandidateSet) -> Fit:
     """Fit a set again, from the robot file's numbers for all that is not in it, for as long as that explains more."""
     for _ in range(SEARCH.drive_restarts):
         begun = refit_from_start(at.point, fit, candidates, fit.effects)
-        again = continue_fit(begun, candidates, SEARCH.most_further_steps, 1.0)
+        again = take_further_steps(begun, candidates)
         if again.evidence_here <= fit.evidence_here:
             break
         fit = again

@@ -8,7 +8,6 @@ and the effects that the regression of the torque finds. The linear model there 
 from __future__ import annotations
 
 from collections.abc import Collection
-from functools import partial
 
 from hdagen.diagnosis.inference.alternative_starts import refit_from_start, refit_swapping
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
@@ -16,7 +15,7 @@ from hdagen.diagnosis.inference.local_fit import Fit, restore_columns
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
-from hdagen.diagnosis.search.hypothesis_race import continue_fit
+from hdagen.diagnosis.search.hypothesis_race import take_further_steps
 from hdagen.diagnosis.search.ordinary_frictions import list_ordinary_frictions
 from hdagen.diagnosis.search.regressed_starts import fit_regressed_set
 from hdagen.diagnosis.search.search_settings import SEARCH
@@ -60,7 +59,7 @@ def _keep_proposed(fit: Fit, at: Sensitivities, candidates: CandidateSet) -> Fit
     for _ in range(SEARCH.number_rounds):
         kept = _propose_members(fit)
         begun = refit_swapping(fit, candidates, kept), refit_from_start(at.point, fit, candidates, kept)
-        best = sort_by_evidence(map_in_threads(partial(_continue_to_end, candidates), begun))[0]
+        best = sort_by_evidence(map_in_threads(lambda one: take_further_steps(one, candidates), begun))[0]
         if _rate_fit(best, fit) <= _rate_fit(fit, fit):
             break
         is_settled = kept == fit.effects
@@ -95,8 +94,3 @@ def _rate_fit(fit: Fit, lead: Fit) -> float:
 def _price_members(fit: Fit, count: int) -> float:
     """Log evidence that as many members cost."""
     return SEARCH.effect_penalty * fit.misfit_temperature * count
-
-
-def _continue_to_end(candidates: CandidateSet, fit: Fit) -> Fit:
-    """Take the further steps of a fit."""
-    return continue_fit(fit, candidates, SEARCH.most_further_steps, 1.0)

@@ -15,7 +15,7 @@ from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.fit_settings import FIT
 from hdagen.diagnosis.inference.local_fit import Fit, restore_columns, start_fit_at
 from hdagen.diagnosis.inference.marginal_likelihood import compute_posteriors, score_candidate_sets
-from hdagen.diagnosis.search.hypothesis_race import advance_with_note, continue_fit
+from hdagen.diagnosis.search.hypothesis_race import advance_with_note, take_further_steps
 from hdagen.diagnosis.search.search_settings import SEARCH
 
 
@@ -101,7 +101,7 @@ def free_wrong_numbers(lead: Fit, words: CandidateSet) -> Fit | None:
         )
         moved = advance_with_note(words, f"wrong numbers, round {number}", begun)
         numbers = [k for k, one in enumerate(words.members) if one.is_number and k not in lead.effects]
-        moved = continue_fit(moved, words, SEARCH.most_further_steps, 1.0)
+        moved = take_further_steps(moved, words)
         fit = restore_columns(drop_unneeded(moved, words, numbers), words)
     if fit is lead or set(fit.effects) == set(lead.effects):
         return None
@@ -128,7 +128,7 @@ def drop_unneeded(fit: Fit, words: CandidateSet, droppable: Collection[int]) -> 
         if not rests or max(predicted) < least:
             return fit
         less = refit_without(fit, words, rests[int(np.argmax(predicted))])
-        less = continue_fit(less, words, SEARCH.most_further_steps, 1.0)
+        less = take_further_steps(less, words)
         if less.evidence_here < least:
             return fit
         fit = less
