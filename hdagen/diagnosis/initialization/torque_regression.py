@@ -29,10 +29,7 @@ from hdagen.diagnosis.data.windows import WindowedRecord
 from hdagen.diagnosis.inference.bounded_least_squares import Bounds, solve_box_qp
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
-from hdagen.diagnosis.inference.gauss_newton import place_sizes
-from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.parameter_scale import is_scale_free
-from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities
 from hdagen.diagnosis.initialization.initialization_settings import INITIALIZATION
 from hdagen.diagnosis.residuals.measured_motion import MeasuredMotion
 from hdagen.diagnosis.residuals.torque_balance import TorqueBalance
@@ -174,42 +171,6 @@ class TorqueRegression:
 def _concatenate_parts(parts: Sequence[list[Array]]) -> list[Array]:
     """Concatenate each balance over the parts of a log."""
     return [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
-
-
-def begin_sets(regression: TorqueRegression, at: Sensitivities, near: float) -> list[Fit]:
-    """Start fits at the best sets of several effects, each at its regressed sizes.
-
-    Args:
-        regression: the regression of the record, with the candidates of ``at``.
-        at: sensitivities about the robot file's numbers.
-        near: size of unexplained torque to start from.
-
-    Returns:
-        The fits, the smallest set first.
-
-    """
-
-    def begin(one: RegressedSet) -> Fit:
-        return start_fit(at, at.candidates, one.effects, near, place_regressed_set(at, at.candidates, one))
-
-    return map_in_threads(begin, regression.best_sets)
-
-
-def place_regressed_set(at: Sensitivities, candidates: CandidateSet, found: RegressedSet) -> OperatingPoint:
-    """Return the point of a regressed set, with everything that is free beside it where the regression has it.
-
-    Args:
-        at: sensitivities about the robot file's numbers.
-        candidates: all candidates.
-        found: the set.
-
-    """
-    p = place_sizes(at, candidates, found.effects, found.theta).p.copy()
-    for size, c in zip(found.nuisance, candidates.columns, strict=True):
-        if size:
-            p[c.index] = c.center + float(size) * c.unit
-    p = at.shooting.arm.parameters.clip_to_bounds(p)
-    return OperatingPoint(p, at.shooting.filtered_initial_states(p))
 
 
 def _sample_stretches(record: WindowedRecord) -> list[LogPortion]:

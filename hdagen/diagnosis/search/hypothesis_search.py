@@ -21,7 +21,7 @@ from hdagen.diagnosis.inference.marginal_likelihood import (
 )
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
-from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, begin_sets
+from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.close_calls import RefitCall, find_look_alikes, fit_from_leader, settle_close_calls
 from hdagen.diagnosis.search.equal_motions import find_equal_motions, refit_at_point
 from hdagen.diagnosis.search.fit_ranking import (
@@ -43,6 +43,7 @@ from hdagen.diagnosis.search.hypothesis_race import (
 from hdagen.diagnosis.search.multistart import scan_sizes
 from hdagen.diagnosis.search.null_model import make_nominal_point
 from hdagen.diagnosis.search.ordinary_frictions import fit_ordinary_frictions
+from hdagen.diagnosis.search.regressed_starts import start_regressed_sets
 from hdagen.diagnosis.search.ripple_order import add_ripple_orders
 from hdagen.diagnosis.search.search_settings import SEARCH
 from hdagen.diagnosis.search.whole_drives import fit_whole_drives, list_absent_inertias
@@ -114,7 +115,7 @@ def search_hypotheses(
     at.cross_products.drop_caches()
     field += start_promising(at, words, screened, starts, (), SEARCH.race_sizes[0], SEARCH.least_evidence_gain)
     if regression:
-        field += begin_sets(regression, at, none.posterior.s)
+        field += start_regressed_sets(regression, at, none.posterior.s)
         if words.has_numbers and not shooting.budget.is_left_out("all numbers of the robot file together"):
             field.append(fit_whole_file(regression, at, words, named, none.posterior.s))
     if len(numbers := choose_wrong_numbers(field[0])) > 1:

@@ -16,8 +16,9 @@ from hdagen.diagnosis.inference.gauss_newton import place_sizes
 from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import Fit, start_fit
 from hdagen.diagnosis.inference.sensitivities import Sensitivities
-from hdagen.diagnosis.initialization.torque_regression import TorqueRegression, place_regressed_set
+from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
 from hdagen.diagnosis.search.null_model import fit_null_model, make_nominal_point
+from hdagen.diagnosis.search.regressed_starts import place_regressed_set
 from hdagen.diagnosis.search.whole_file import fit_whole_file
 
 Builder = Callable[..., Compiled]
