@@ -12,9 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hdagen.arm.running_builds import PROGRESS_MARK, tell_build_stage
-from hdagen.support.child_processes import start_child_process
-
-INTERRUPT_PATIENCE = 5.0  # s that an interrupted build has to remove its files
+from hdagen.support.child_processes import INTERRUPT_PATIENCE, start_child_process
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
+INTERRUPT_PATIENCE = 5.0  # s that an interrupted child has to remove its files and to end
+
 # Leader of the process group; it kills the group when the pipe ends
 _WATCHDOG_COMMAND = ("/bin/sh", "-c", "read -r end; kill -9 0")
 _running_children = list[subprocess.Popen[Any]]()

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, TypeVar
 
-from hdagen.support.child_processes import interrupt_child_processes
+from hdagen.support.child_processes import INTERRUPT_PATIENCE, interrupt_child_processes
 
 THREAD_COUNT = 2
-INTERRUPT_PATIENCE = 5.0  # s after which child processes that still run are interrupted once more
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
