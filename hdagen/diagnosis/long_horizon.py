@@ -4,8 +4,8 @@ A torque that no effect explains, as of a rough gear or a drive that does not fo
 hundredths of a second. In short windows it hides effects that act all the time; over long ones it averages out. So
 where something unknown leads, or a verdict leaves much of held-out motion, this search adds effects once more. It
 simulates long windows without an unknown torque, and adds one effect after another, each time the one that lowers the
-cost most. Then it drops those that lower next to nothing in parts of the log that they are not fitted to. A set with
-another effect in the place of one of them shares the probability.
+cost most. Then it drops those that lower next to nothing in parts of the log that they are not fitted to, and those too
+small to count as present. A set with another effect in the place of one of them shares the probability.
 
 `long_window_fit` states the cost of a set of effects, and `long_window_errors` the errors that it counts.
 
@@ -28,6 +28,7 @@ from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence
 from hdagen.diagnosis.decision.direct_evidence_settings import DIRECT_EVIDENCE
+from hdagen.diagnosis.decision.effect_presence import keep_present_effects
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
@@ -116,16 +117,26 @@ def find_lasting_effects(
     *sets, none = seen.find_effects()
     if not sets:
         return None
-    leading_set = sets[0]
     # another fit may have springs
     fit_of_arm = next(fit for fit in found.fits if fit.sensitivities.shooting.arm is arm)
-    model = sizes.limit_base_parameters(leading_set)
-    p = sizes.parameters_at(model)
-    shooting = fit_of_arm.sensitivities.shooting
+    leading_set, *rivals = sets
+    while leading_set.atoms:
+        model = sizes.limit_base_parameters(leading_set)
+        fit = _fit_short_windows(sizes, model, fit_of_arm)
+        absent = [k for k in leading_set.atoms if found.candidates.members[k].name not in keep_present_effects(fit)]
+        if not absent:
+            costs = {found.candidates.names_of(one.atoms): one.cost for one in (leading_set, *rivals, none)}
+            return LastingEffects(costs, fit, tuple(seen.find_undetectable(model)))
+        leading_set, rivals = sizes.fit_model(sizes.drop_effect(leading_set, absent[0])), []
+    return None
+
+
+def _fit_short_windows(sizes: LongWindowFit, model: EffectModel, beside: Fit) -> Fit:
+    """The fit of short windows where long ones place a model; it looks for the unexplained torque ``beside`` another
+    fit's."""
+    shooting, p = beside.sensitivities.shooting, sizes.parameters_at(model)
     start = OperatingPoint(p, shooting.filtered_initial_states(p))
-    fit = start_fit_at(shooting, found.candidates, leading_set.atoms, start, fit_of_arm.score.posterior.s)
-    costs = {found.candidates.names_of(one.atoms): one.cost for one in (*sets, none)}
-    return LastingEffects(costs, fit, tuple(seen.find_undetectable(model)))
+    return start_fit_at(shooting, sizes.candidates, model.atoms, start, beside.score.posterior.s)
 
 
 def list_settings_read() -> tuple[Any, ...]:

@@ -16,7 +16,7 @@ from uncompiled import UncompiledArm, find_settings, load_uncompiled
 from hdagen.adoption import robot_update, verdict
 from hdagen.adoption.robot_update import adopt
 from hdagen.adoption.rounding import read_conditional_deviations, round_parameters, round_to_deviation
-from hdagen.diagnosis.decision.verdict_content import _compute_conditional_deviations
+from hdagen.diagnosis.decision.parameter_estimates import _compute_conditional_deviations
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-9, 1e6))

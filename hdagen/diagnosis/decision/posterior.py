@@ -17,11 +17,12 @@ import numpy as np
 from hdagen.arm.effect_catalogue import EffectTraits
 from hdagen.diagnosis.decision import calibration
 from hdagen.diagnosis.decision.decision_settings import DECISION
+from hdagen.diagnosis.decision.effect_presence import relate_to_least_sizes
 from hdagen.diagnosis.decision.file_trust import find_strained_numbers
 from hdagen.diagnosis.decision.number_combinations import combine_numbers
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
 from hdagen.diagnosis.inference.local_fit import Fit
-from hdagen.diagnosis.inference.rollout import Rollout
+from hdagen.diagnosis.search.fit_ranking import choose_stated_fits
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
 SMALLEST_POSITIVE = 1e-12
@@ -104,58 +105,6 @@ class Decision:
         return min(1.0, sum(h.probability for h in self.hypotheses if name in h.names))
 
 
-def measure_effect_sizes(fit: Fit) -> dict[str, float]:
-    """Measure the sizes of a fit's free effects.
-
-    Sine and cosine of one effect count together. Of an effect that grows over time, the part that it reached within the
-    log counts. The last step of the linear model is not taken yet: of the sizes before and after it the smaller counts.
-
-    Args:
-        fit: with its effects.
-
-    Returns:
-        By name the size, in usual sizes (1).
-
-    """
-    words, stood = fit.sensitivities.candidates, fit.sensitivities.candidates.to_theta(fit.sensitivities.point.p)
-    whole = {k: min(words.measure_size(k, one) for one in (fit.posterior[0], stood)) for k in fit.effects}
-    return {words.members[k].name: float(size) * _measure_accumulated_share(k, fit) for k, size in whole.items()}
-
-
-def keep_present_effects(fit: Fit) -> tuple[str, ...]:
-    """Keep the effects of a fit that are large enough to count as present.
-
-    Args:
-        fit: with its effects.
-
-    Returns:
-        Their names, name@joint, sorted.
-
-    """
-    sizes = _relate_to_least_sizes(fit)
-    return tuple(name for name in fit.names if sizes[name] >= 1.0)
-
-
-def _relate_to_least_sizes(fit: Fit) -> dict[str, float]:
-    """The same in multiples of the least size that counts as present."""
-    words = fit.sensitivities.candidates
-    least = {words.members[k].name: words.presence_threshold(k) for k in fit.effects}
-    return {name: size / least[name] for name, size in measure_effect_sizes(fit).items()}
-
-
-def _measure_accumulated_share(k: int, fit: Fit) -> float:
-    """The largest share of candidate k that is reached where a window begins, at the fit's parameters.
-
-    A large effect that grows slowly, or at high speed alone, shows as little as a small one that acts at once.
-    """
-    atom, shooting, point = fit.sensitivities.candidates.members[k], fit.sensitivities.shooting, fit.sensitivities.point
-    if atom.traits.accumulating_state is None:
-        return 1.0
-    memory = shooting.predict_with_memory(Rollout(point.p, point.initial_states))[1]
-    own = shooting.arm.state_names[-memory.shape[1] :]
-    return float(np.abs(memory[:, own.index(f"{atom.traits.accumulating_state}_{atom.joint}")]).max())
-
-
 def score_hypotheses(
     search: SearchResult, predicted: Mapping[tuple[str, ...], float] = MappingProxyType({})
 ) -> Decision:
@@ -186,7 +135,7 @@ def score_hypotheses(
     members = [atom for fit in fits.values() for atom in fit.sensitivities.candidates.members]
     traits = {atom.name: atom.traits for atom in members}
     numbers = frozenset(atom.name for atom in members if atom.is_number)
-    seen = {fit: _relate_to_least_sizes(fit) for fit in set(stands.values())}
+    seen = {fit: relate_to_least_sizes(fit) for fit in set(stands.values())}
     for names in sorted(stands, key=len, reverse=True):
         less = _drop_negligible(names, seen[stands[names]], evidence, traits, numbers)
         if less not in weight:
@@ -203,7 +152,8 @@ def score_hypotheses(
     # what is too small to count tells nothing of a gap: where that leads, none leaves what the best does
     strange = _compute_unknown_odds(left, fits[()] if order[0] else left)
     unknown = float(strange / (1.0 + strange)) if strange > DECISION.negligible_unknown_odds else 0.0
-    hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), own.get(names)) for names in order]
+    stated = {names: fit for names, fit in choose_stated_fits(search.fits).items() if names in own}
+    hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), stated.get(names)) for names in order]
     joint = int(np.argmax(left.unexplained_torque)) + 1
     if unknown:
         hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))

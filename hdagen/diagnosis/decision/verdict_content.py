@@ -8,16 +8,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from hdagen.adoption import verdict
 from hdagen.adoption.diagnosis_schema import SCHEMA
-from hdagen.arm.arm_parameters import Parameter
-from hdagen.arm.arrays import Array
-from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.decision.decision_settings import DECISION
 from hdagen.diagnosis.decision.file_trust import describe_factor
 from hdagen.diagnosis.decision.identifiability import Identifiability
+from hdagen.diagnosis.decision.parameter_estimates import (
+    describe_file_number,
+    estimate_base_parameters,
+    estimate_parameters,
+)
 from hdagen.diagnosis.decision.posterior import Decision
 from hdagen.diagnosis.decision.separating_experiments import suggest_experiments
 from hdagen.diagnosis.inference.candidate_priors import Candidate
@@ -164,7 +164,7 @@ def _list_parameters(name: str, decision: Decision) -> dict[str, Any]:
     described = arm.parameters.described
     return {
         key: {"value": value, "std": None, "unit": described[key].unit, "end": None}
-        | {"file": _find_file_number(arm, described[key])}
+        | {"file": describe_file_number(arm, described[key])}
         for key, value in decision.direct_evidence[name].items()
     }
 
@@ -185,47 +185,6 @@ def _describe_cause(
         "confounded_with": confounded,
         "separate_by": experiments,
     }
-
-
-def estimate_parameters(fit: Fit, atom: int) -> dict[str, Any]:
-    """Estimate the parameters of one candidate from a fit.
-
-    A log may determine one of several sizes of an effect and leave another one open. The open one stays at its nominal
-    value: at the edge of this motion, it may be in the middle of the next.
-
-    Args:
-        fit: with the candidate.
-        atom: index of the candidate.
-
-    Returns:
-        By parameter its value, std, unit and end of range, in SI. The shapes of the candidate have no std.
-
-    """
-    words, described = fit.sensitivities.candidates, fit.sensitivities.shooting.arm.parameters.described
-    columns, (mean, covariance) = words.columns, fit.posterior
-    free, std = words.amplitude_columns((atom,)), np.sqrt(np.diagonal(covariance))
-    alone = _compute_conditional_deviations(covariance)[free]
-    spread = {columns[k].parameter: float(std[k]) * columns[k].unit for k in free}
-    names = (*spread, *words.members[atom].shapes)
-    found = {
-        name: _describe_estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names
-    }
-    for k, own in zip(free, alone, strict=True):
-        found[columns[k].parameter]["conditional_std"] = float(own) * columns[k].unit
-    silent = [
-        columns[k] for k, own in zip(free, alone, strict=True) if abs(mean[k]) < DECISION.present_from_deviations * own
-    ]
-    if len(silent) < len(free):
-        for column in silent:
-            found[column.parameter] |= {"value": column.center, "end": None}
-    return found
-
-
-def _compute_conditional_deviations(covariance: Array) -> Array:
-    """Standard deviation (P) of each parameter while all others are held, from the covariance (P, P) of all."""
-    std = np.sqrt(np.diagonal(covariance))
-    inflation = np.diagonal(np.linalg.inv(covariance / std / std[:, None]))  # 1 where no other parameter compensates
-    return np.asarray(std / np.sqrt(np.maximum(inflation, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,65 +249,3 @@ def build_hypothetical_verdict(fit: Fit, names: Sequence[str]) -> verdict.Verdic
     atoms = {fit.sensitivities.candidates.members[k].name: k for k in fit.effects}
     causes = [_describe_cause(name, 1.0, estimate_parameters(fit, atoms[name]), [], "") for name in there]
     return StatedEffects(tuple(there), tuple(causes)).build_verdict(estimate_base_parameters(fit))
-
-
-def estimate_base_parameters(best: Fit) -> dict[str, Any]:
-    """Estimate the base parameters of a fit.
-
-    No base is quite level: where the fit has no effect for its tilt, the components of gravity have it.
-
-    Args:
-        best: the fit of a set of effects, or of none.
-
-    Returns:
-        `parameters` of diagnosis.json: value, std, unit and end of range, in SI.
-
-    """
-    described, (_, covariance) = best.sensitivities.shooting.arm.parameters.described, best.posterior
-    places = {name: k for k, name in enumerate(described)}
-    held = _compute_conditional_deviations(covariance)
-    free = [(k, c) for k, c in enumerate(best.sensitivities.candidates.columns) if c.candidate not in best.effects]
-    spread = {
-        c.parameter: math.sqrt(covariance[k, k]) * c.unit
-        for k, c in free
-        if c.spike_width > CANDIDATES.silent_spike_width
-    }
-    found = {
-        c.parameter: _describe_estimate(best, described[c.parameter], c.index, spread[c.parameter])
-        for _, c in free
-        if c.in_every_hypothesis and c.parameter in spread and described[c.parameter].tolerance > 0
-    }
-    conditional = {c.parameter: float(held[k]) * c.unit for k, c in free}
-    for name, one in found.items():
-        one["conditional_std"] = conditional[name]
-    for c in (c for _, c in free if c.parameter in spread):
-        equivalent = described[c.parameter].equivalent
-        if equivalent is None:
-            continue
-        gravity = described[equivalent]
-        one = found.get(gravity.name) or _describe_estimate(best, gravity, places[gravity.name], 0.0)
-        leaned = float(best.sensitivities.point.p[c.index]) - described[c.parameter].nominal
-        one |= {"value": one["value"] + leaned, "std": math.hypot(one["std"], spread[c.parameter])}
-        one["conditional_std"] = min(one.get("conditional_std", math.inf), conditional[c.parameter])
-        prior = gravity.deviation
-        found[gravity.name] = one | {"prior": math.hypot(prior, c.spike_width * c.unit)}
-    return found
-
-
-def _describe_estimate(fit: Fit, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
-    """Value, std and unit of a parameter, and the robot file's number; ``end``: of its range, that it stands at."""
-    value, ends = float(fit.sensitivities.point.p[place]), {"low": parameter.low, "high": parameter.high}
-    least = {name: DECISION.bound_tolerance * max(abs(end), abs(parameter.nominal)) for name, end in ends.items()}
-    end = next((name for name in ends if abs(value - ends[name]) <= least[name]), None)
-    if value == parameter.nominal:
-        end = None
-    file = _find_file_number(fit.sensitivities.shooting.arm, parameter)
-    return {"value": value, "std": std, "unit": parameter.unit, "end": end, "file": file}
-
-
-def _find_file_number(arm: Arm, parameter: Parameter) -> float | None:
-    """The robot file's number of a parameter; None of an effect that the file does not have."""
-    stated = {(effect["name"], effect["joint"]) for effect in arm.robot["effects"]}
-    if parameter.role == "base" or (parameter.effect, parameter.joint) in stated:
-        return parameter.nominal
-    return None

@@ -11,11 +11,17 @@ from hdagen.adoption.verdict import Verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.data_settings import DATA
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence, add_direct_evidence
+from hdagen.diagnosis.decision.parameter_estimates import estimate_base_parameters
 from hdagen.diagnosis.decision.posterior import Decision
-from hdagen.diagnosis.decision.verdict_content import StatedEffects, estimate_base_parameters, state_effects
+from hdagen.diagnosis.decision.verdict_content import StatedEffects, state_effects
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
-from hdagen.diagnosis.holdout.leading_set import lead_on_unseen_motion, lead_with_effects, lead_with_long_windows
-from hdagen.diagnosis.holdout.small_effects import drop_small_effects
+from hdagen.diagnosis.holdout.leading_set import (
+    lead_on_unseen_motion,
+    lead_with_effects,
+    lead_with_long_windows,
+    may_replace,
+)
+from hdagen.diagnosis.holdout.small_effects import drop_small_effects, is_gap_alike
 from hdagen.diagnosis.holdout.unseen_motion import HoldoutMotion
 from hdagen.diagnosis.holdout.verdict_withdrawal import (
     ConfirmedVerdict,
@@ -25,8 +31,7 @@ from hdagen.diagnosis.holdout.verdict_withdrawal import (
     reweigh_unknown,
     withdraw_harmful,
 )
-from hdagen.diagnosis.inference.local_fit import Fit
-from hdagen.diagnosis.search.fit_ranking import sort_by_evidence
+from hdagen.diagnosis.search.fit_ranking import choose_stated_fits
 from hdagen.diagnosis.search.hypothesis_search import SearchResult
 
 LongWindowSearch = Callable[[Decision], Decision | None]
@@ -107,7 +112,8 @@ class HoldoutJudge:
         return Statement(decision, stated, confirmed)
 
     def try_known_effects(self, strange: Decision) -> Decision | None:
-        """Name known effects in place of something unknown, where the motion confirms them.
+        """Name known effects in place of something unknown, where the motion confirms them and the base parameters
+        alone leave clearly more.
 
         Args:
             strange: a decision whose verdict is something unknown.
@@ -134,7 +140,8 @@ class HoldoutJudge:
         )
         if tried.is_unknown or is_at_bound(known_statement.confirmed.effects, known_statement.stated.causes):
             return None
-        return tried
+        without_effects = self.motion.measure_gap(self.motion.refitted_base)
+        return None if is_gap_alike(known_statement.confirmed.gap, without_effects) else tried
 
     def try_long_windows(self, decision: Decision, search_long_windows: LongWindowSearch) -> Decision:
         """Name effects of long windows in place of a verdict that leaves much of the motion.
@@ -159,7 +166,7 @@ class HoldoutJudge:
             return decision
         tried = self.state_decision(lead_with_long_windows(stated.decision, lasting))
         leads = tried.confirmed.gap["after"] * HOLDOUT_CHECK.leading_gap_ratio < left
-        return tried.decision if leads else decision
+        return tried.decision if leads and may_replace(stated.decision, tried.decision.best) else decision
 
     def settle_decision(self, decision: Decision, last: HoldoutMotion) -> SettledStatement:
         """Check a decision on the motion, and state it.
@@ -209,10 +216,7 @@ class HoldoutJudge:
 
         """
         stated = self._state_leading_set(decision)
-        fitted: dict[tuple[str, ...], Fit] = {}
-        for fit in sort_by_evidence(self.search_result.fits):
-            fitted.setdefault(fit.names, fit)
-        confirmed = stated.confirmed
+        fitted, confirmed = choose_stated_fits(self.search_result.fits), stated.confirmed
         checked, doubts = doubt_on_holdout(stated.decision, fitted, confirmed.effects, self.motion, confirmed.after)
         if doubts:
             stated = self._state_with_direct_evidence(checked)
@@ -226,8 +230,7 @@ class HoldoutJudge:
     @cached_property
     def _null_parameters(self) -> dict[str, Any]:
         """The base parameters of the null model's best fit."""
-        null = next(fit for fit in sort_by_evidence(self.search_result.fits) if not fit.names)
-        return estimate_base_parameters(null)
+        return estimate_base_parameters(choose_stated_fits(self.search_result.fits)[()])
 
     def _state_leading_set(self, decision: Decision) -> Statement:
         """The statement with direct evidence, of the set of effects that leads on the motion."""

@@ -3,7 +3,8 @@
 A probability says how well a set of effects tells the short windows that it was fitted to. Another set may tell other
 motion far better. So the next sets are replayed on motion that no fit saw, and one that leaves several times as much of
 it as another cannot lead: the better one takes its place. It is not sure then, as the windows say otherwise. No effect
-is such a set, too: effects too small to count as present may make most of a gap.
+is such a set, too: effects too small to count as present may make most of a gap. Effects take its place only where
+the log determines their sizes.
 
 Where short windows say that something unknown is at work, no effect is no rival of known ones: the motion is not
 explained. Of the known sets that close a third of what no effect leaves, the most probable one stands for them that
@@ -25,8 +26,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from hdagen.diagnosis.data.data_settings import DATA
-from hdagen.diagnosis.decision.posterior import Decision, Hypothesis, keep_present_effects
+from hdagen.diagnosis.decision.effect_presence import keep_present_effects
+from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.holdout.small_effects import is_gap_alike
 from hdagen.diagnosis.inference.local_fit import Fit
@@ -94,10 +98,30 @@ def _lead_with_better_set(decision: Decision, measure: Callable[[Decision], Gap]
     left = float(measure(decision)["after"])
     if left <= DATA.significant_noise_multiple:
         return decision
-    tried = _exchange_next_sets(decision)
+    tried = [one for one in _exchange_next_sets(decision) if may_replace(decision, one.best)]
     gaps = {one.verdict: float(measure(one)["after"]) for one in tried}
     best = min(tried, key=lambda one: gaps[one.verdict], default=decision)
     return best if gaps.get(best.verdict, left) * HOLDOUT_CHECK.leading_gap_ratio < left else decision
+
+
+def may_replace(decision: Decision, fit: Fit) -> bool:
+    """Tell whether a set of effects may take the lead because it tells unseen motion better.
+
+    Args:
+        decision: what short windows say.
+        fit: the fit of the set.
+
+    Returns:
+        Whether the decision names an effect, or the log determines the size of each effect of the set. A size that may
+        as well be none is no reason to change a model that short windows take as right.
+
+    """
+    if decision.verdict:
+        return True
+    candidates, (mean, covariance) = fit.sensitivities.candidates, fit.posterior
+    deviations = np.abs(mean) / np.sqrt(covariance.diagonal())
+    clearest = (deviations[candidates.amplitude_columns((k,))].max(initial=0.0) for k in fit.effects)
+    return all(one >= HOLDOUT_CHECK.clear_deviations for one in clearest)
 
 
 def _lead_with_ordinary_frictions(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:

@@ -15,7 +15,7 @@ from hdagen.adoption import verdict
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
-from hdagen.diagnosis.decision.verdict_content import estimate_parameters
+from hdagen.diagnosis.decision.parameter_estimates import estimate_parameters
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.prediction.window_replay import Replay

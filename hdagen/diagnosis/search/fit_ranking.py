@@ -112,6 +112,31 @@ def sort_by_evidence(fits: Sequence[Fit]) -> list[Fit]:
     return sorted(fits, key=lambda f: -f.evidence_here)
 
 
+def choose_stated_fits(fits: Sequence[Fit]) -> dict[tuple[str, ...], Fit]:
+    """Choose the fit that states each set: the best one, on the model with the fewest springs where the set names none.
+    A replay of such a set has no springs, and numbers that were fitted beside springs are not those of a rigid drive.
+
+    Args:
+        fits: fits in any order.
+
+    Returns:
+        A fit by the names of each set.
+
+    """
+    chosen: dict[tuple[str, ...], Fit] = {}
+    for fit in sorted(sort_by_evidence(fits), key=_count_unnamed_springs):
+        chosen.setdefault(fit.names, fit)
+    return chosen
+
+
+def _count_unnamed_springs(fit: Fit) -> int:
+    """Count the springs of a fit's model, none where one of them is named."""
+    members = fit.sensitivities.candidates.members
+    if any(members[k].traits.series_spring for k in fit.effects):
+        return 0
+    return len(fit.sensitivities.shooting.arm.manifest["flexible"])
+
+
 def keep_best_starts(fits: list[Fit]) -> tuple[list[Fit], list[Fit]]:
     """Keep the first fit of each set, of several starts.
 

@@ -14,6 +14,7 @@ from catalogue import EFFECTS
 from hdagen.arm.arrays import Array
 from hdagen.diagnosis.decision import calibration
 from hdagen.diagnosis.decision.decision_settings import DECISION
+from hdagen.diagnosis.decision.effect_presence import measure_effect_sizes
 from hdagen.diagnosis.decision.posterior import (
     Hypothesis,
     _add_shifted_base_parameters,
@@ -21,7 +22,6 @@ from hdagen.diagnosis.decision.posterior import (
     _drop_negligible,
     _weigh_hypotheses,
     conclude_verdict,
-    measure_effect_sizes,
     score_hypotheses,
 )
 from hdagen.diagnosis.inference.candidate_priors import Candidate

@@ -17,7 +17,8 @@ from hdagen.adoption.diagnosis_schema import SCHEMA
 from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
-from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict, estimate_parameters
+from hdagen.diagnosis.decision.parameter_estimates import estimate_parameters
+from hdagen.diagnosis.decision.verdict_content import build_hypothetical_verdict
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.holdout.nuisance_effects import rank_nuisance_effects
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from hdagen.arm.compiled_arm import load
 from hdagen.diagnosis.data.models import load_models
 from hdagen.diagnosis.data.prepared_data import prepare_data
-from hdagen.diagnosis.decision.posterior import keep_present_effects
+from hdagen.diagnosis.decision.effect_presence import keep_present_effects
 from hdagen.diagnosis.inference.linearization import compute_sensitivities
 from hdagen.diagnosis.inference.local_fit import start_fit
 from hdagen.diagnosis.initialization.torque_regression import TorqueRegression
