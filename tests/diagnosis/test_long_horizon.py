@@ -10,14 +10,17 @@ import pytest
 from compiled import Compiled
 
 from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis import long_horizon
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
-from hdagen.diagnosis.long_horizon import LongHorizonSearch
+from hdagen.diagnosis.long_horizon import LongHorizonSearch, find_lasting_effects
 from hdagen.diagnosis.long_window_errors import LongWindowErrors
 from hdagen.diagnosis.long_window_fit import LongWindowFit
+from hdagen.diagnosis.search.hypothesis_search import SearchResult
+from hdagen.diagnosis.search.null_model import fit_without_effects
 from hdagen.log.measured_log import Log
 from hdagen.prediction.window_replay import REPLAY_WINDOW
 
@@ -93,6 +96,18 @@ def test_what_works_all_the_time_is_told_beside_what_shakes(arm: Arm, name: str,
 @pytest.mark.parametrize("seed", range(3))
 def test_of_what_only_shakes_nothing_is_told(arm: Arm, seed: int) -> None:
     assert told(arm, shaken(arm, seed))[0] == ()
+
+
+def test_an_effect_too_small_to_count_is_not_found(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = LogPortion.all_rows(shaken(arm, 0, **TRUTHS["coulomb_friction@1"]))
+    windows = cut_windows(arm, log, 0.05)
+    candidates = build_candidates(arm, guess_from_log(arm, windows))
+    null = fit_without_effects(MultipleShooting(arm, windows), candidates)
+    result = SearchResult(null.sensitivities.candidates, (null,), ())
+    lasting = find_lasting_effects(result, arm, log, 0.05, ())
+    assert lasting and lasting.fit.names == ("coulomb_friction@1",)
+    monkeypatch.setattr(long_horizon, "keep_present_effects", lambda _: ())
+    assert find_lasting_effects(result, arm, log, 0.05, ()) is None
 
 
 def test_what_would_not_show_is_not_told_and_what_would_is(arm: Arm) -> None:

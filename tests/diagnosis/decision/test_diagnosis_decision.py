@@ -128,7 +128,7 @@ def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
         assert lane.memory is None and lane.p.tolist() == stood  # all windows, where it stands
         return None, np.array([[0.9, 0.0], [0.9, 0.5 * came], [0.9, came]])  # three windows, states of two effects
 
-    arm = SimpleNamespace(state_names=("motor_position_1", "warmth_1", "warmth_2"))
+    arm = SimpleNamespace(state_names=("motor_position_1", "warmth_1", "warmth_2"), manifest={"flexible": [1, 2]})
     point = SimpleNamespace(p=np.array(stood), initial_states=None)
     design = SimpleNamespace(
         candidates=words, shooting=SimpleNamespace(arm=arm, predict_with_memory=recalled), point=point

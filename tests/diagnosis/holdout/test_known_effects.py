@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from catalogue import EFFECTS
 
@@ -15,20 +16,21 @@ from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout import holdout_check
 from hdagen.diagnosis.holdout.holdout_check import HoldoutJudge
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
-from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet
+from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
 
 UNKNOWN, PAYLOAD, RIPPLE = ("unknown@1",), ("payload@1",), ("torque_ripple@1",)
 MEMBERS = (*PAYLOAD, *RIPPLE)
 SHARES = {UNKNOWN: 0.9, (): 0.05, PAYLOAD: 0.03, RIPPLE: 0.02}
 
 
-def make_fit(names: tuple[str, ...]) -> Any:
-    """A fit of a set of effects, as far as the decision reads it."""
+def make_fit(names: tuple[str, ...], deviation: float = 0.1) -> Any:
+    """A fit of a set of effects, as far as the decision reads it. All sizes are 1, with a standard ``deviation``."""
     members = tuple(Candidate(EFFECTS[name.partition("@")[0]], 1, (name,), {}, True, False) for name in MEMBERS)
+    columns = tuple(Column(name, k, 0.0, 1.0, 0.1, k, False) for k, name in enumerate(MEMBERS))
     effects = tuple(MEMBERS.index(name) for name in names)
-    return SimpleNamespace(
-        effects=effects, names=names, sensitivities=SimpleNamespace(candidates=CandidateSet(members, ()))
-    )
+    sensitivities = SimpleNamespace(candidates=CandidateSet(members, columns))
+    posterior = np.ones(len(MEMBERS)), deviation**2 * np.eye(len(MEMBERS))
+    return SimpleNamespace(effects=effects, names=names, sensitivities=sensitivities, posterior=posterior)
 
 
 @pytest.fixture
@@ -44,8 +46,8 @@ def weighed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Decision, tuple[str, 
     return found
 
 
-def judge_by(monkeypatch: pytest.MonkeyPatch, gaps: dict[tuple[str, ...], float]) -> HoldoutJudge:
-    """A judge that knows what each set leaves of held-out motion."""
+def judge_by(monkeypatch: pytest.MonkeyPatch, gaps: dict[tuple[str, ...], float], measured: Any = None) -> HoldoutJudge:
+    """A judge that knows what each set leaves of held-out motion, and the gap ``measured`` with base parameters."""
 
     def state(_: HoldoutJudge, decision: Decision) -> Any:
         left = gaps[decision.verdict]
@@ -55,7 +57,8 @@ def judge_by(monkeypatch: pytest.MonkeyPatch, gaps: dict[tuple[str, ...], float]
 
     monkeypatch.setattr(HoldoutJudge, "state_decision", state)
     unused: Any = None
-    return HoldoutJudge(unused, unused, unused, (), unused)
+    motion: Any = SimpleNamespace(refitted_base=None, measure_gap=lambda _: measured)
+    return HoldoutJudge(unused, unused, unused, (), motion)
 
 
 def try_effects(monkeypatch: pytest.MonkeyPatch, gaps: dict[tuple[str, ...], float], shares: dict[Any, float]) -> None:
@@ -93,7 +96,11 @@ def test_an_effect_that_leads_the_known_ones_is_weighed_as_it_is(
 
 
 def try_long_windows(
-    monkeypatch: pytest.MonkeyPatch, said: tuple[str, ...], found: tuple[str, ...], gaps: dict[tuple[str, ...], float]
+    monkeypatch: pytest.MonkeyPatch,
+    said: tuple[str, ...],
+    found: tuple[str, ...],
+    gaps: dict[tuple[str, ...], float],
+    deviation: float = 0.1,
 ) -> Decision:
     """Decide for a verdict, beside which long windows find a set that short ones did not fit."""
     shares = {said: 0.6, RIPPLE: 0.1, PAYLOAD: 0.1}
@@ -101,7 +108,7 @@ def try_long_windows(
     decision = Decision(
         tuple(Hypothesis(names, share, fits.get(names)) for names, share in shares.items()), said, 0.6, 0.6, fits[said]
     )
-    fit = make_fit(found)
+    fit = make_fit(found, deviation)
     hypotheses = (Hypothesis(found, 0.99, fit), *decision.hypotheses)
     long = replace(decision, hypotheses=hypotheses, best=fit, undetectable=("x@1",))
     return judge_by(monkeypatch, gaps).try_long_windows(decision, lambda _: long)
@@ -131,6 +138,29 @@ def test_what_long_windows_find_stands_back_where_it_closes_too_little(
 ) -> None:
     decision = try_long_windows(monkeypatch, said, PAYLOAD, {said: left, PAYLOAD: closed})
     assert decision.verdict == said and not decision.is_long_horizon
+
+
+@pytest.mark.parametrize(("said", "leads"), [((), False), (RIPPLE, True)])
+def test_an_effect_of_long_windows_whose_size_is_open_takes_the_place_of_another_one_but_not_of_none(
+    monkeypatch: pytest.MonkeyPatch, said: tuple[str, ...], leads: bool
+) -> None:
+    deviation = 1.05 / HOLDOUT_CHECK.clear_deviations
+    decision = try_long_windows(monkeypatch, said, PAYLOAD, {said: 286.0, PAYLOAD: 25.0}, deviation)
+    assert (decision.verdict == PAYLOAD) is leads
+
+
+@pytest.mark.parametrize(("left_by_base", "names"), [(13.0, None), (24.0, PAYLOAD)])
+def test_a_known_effect_stands_beside_something_unknown_only_where_base_parameters_leave_clearly_more(
+    monkeypatch: pytest.MonkeyPatch, left_by_base: float, names: tuple[str, ...] | None
+) -> None:
+    fits = {names: make_fit(names) for names in ((), PAYLOAD)}
+    found = (Hypothesis(UNKNOWN, 0.5, None), Hypothesis(PAYLOAD, 0.4, fits[PAYLOAD]), Hypothesis((), 0.1, fits[()]))
+    known = replace(Decision(found, PAYLOAD, 0.6, 0.6, fits[PAYLOAD]))
+    monkeypatch.setattr(holdout_check, "reweigh_unknown", lambda *_: known)
+    gap = {"after": left_by_base, "by_channel": {"joint_position_1": {"after": left_by_base}}}
+    judge = judge_by(monkeypatch, {PAYLOAD: 12.0, (): 26.0}, measured=gap)
+    tried = judge.try_known_effects(Decision(found, UNKNOWN, 0.5, 0.5, fits[()]))
+    assert (tried and tried.verdict) == names
 
 
 def test_an_effect_that_long_windows_find_takes_the_lead_where_another_leaves_several_times_more(

@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from catalogue import EFFECTS
 
@@ -25,8 +26,9 @@ STATED = MEMBERS[:2]  # keys of the robot file
 NUMBERS = MEMBERS[:1] + MEMBERS[4:]  # whose size may be wrong by a factor
 
 
-def make_fit(names: tuple[str, ...]) -> Any:
-    """A fit of a set of effects, as far as it says which of them are frictions of the robot file."""
+def make_fit(names: tuple[str, ...], deviation: float = 0.1) -> Any:
+    """A fit of a set of effects, as far as it says which of them are frictions of the robot file. All sizes are 1, with
+    a standard ``deviation``."""
     members, columns = [], []
     for k, name in enumerate(MEMBERS):
         effect, _, joint = name.partition("@")
@@ -34,7 +36,9 @@ def make_fit(names: tuple[str, ...]) -> Any:
         columns.append(Column(effect, k, 0.0, 1.0, 0.1, k, name in STATED))
     candidates = CandidateSet(tuple(members), tuple(columns))
     effects = tuple(MEMBERS.index(name) for name in names)
-    return SimpleNamespace(effects=effects, names=names, sensitivities=SimpleNamespace(candidates=candidates))
+    posterior = np.ones(len(MEMBERS)), (deviation**2 * np.eye(len(MEMBERS)))
+    sensitivities = SimpleNamespace(candidates=candidates)
+    return SimpleNamespace(effects=effects, names=names, sensitivities=sensitivities, posterior=posterior)
 
 
 @pytest.fixture(autouse=True)
@@ -43,9 +47,9 @@ def _every_effect_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(leading_set, "keep_present_effects", lambda fit: fit.names)
 
 
-def decide(*, unknown: bool = False) -> Decision:
+def decide(*, unknown: bool = False, deviation: float = 0.1) -> Decision:
     """A decision for the first of three sets that were fitted, beside one that was not."""
-    fits: dict[tuple[str, ...], Any] = {names: make_fit(names) for names in (LEAD, OTHER, THIRD, ())}
+    fits: dict[tuple[str, ...], Any] = {names: make_fit(names, deviation) for names in (LEAD, OTHER, THIRD, ())}
     shares = {LEAD: 0.96, OTHER: 0.02, THIRD: 0.01, (): 0.005}
     found = [Hypothesis(names, share, fits[names]) for names, share in shares.items()]
     found.append(Hypothesis(("payload@1",), 0.005, None))
@@ -89,6 +93,15 @@ def test_an_effect_that_makes_most_of_a_gap_leads_though_it_is_too_small_to_coun
     assert lead({(): 21.5, LEAD: 8.0, OTHER: 20.0, THIRD: 20.0}, decision) is decision
     near_the_noise = 0.9 * DATA.significant_noise_multiple
     assert lead({(): near_the_noise, LEAD: 1.0, OTHER: 1.0, THIRD: 1.0}, decision) is decision
+
+
+@pytest.mark.parametrize(("share", "leads"), [(1.05, False), (0.95, True)])
+def test_an_effect_takes_the_place_of_none_only_where_the_log_determines_its_size(share: float, leads: bool) -> None:
+    deviation = share / HOLDOUT_CHECK.clear_deviations
+    gaps = {(): 21.5, LEAD: 4.0, OTHER: 20.0, THIRD: 20.0}
+    decision = replace(decide(deviation=deviation), verdict=(), probability=0.005)
+    assert (lead(gaps, decision).verdict == LEAD) is leads
+    assert lead({LEAD: 926.0, OTHER: 80.0, THIRD: 74.0}, decide(deviation=deviation)).verdict == THIRD
 
 
 def test_where_something_unknown_is_said_no_set_leads() -> None:
