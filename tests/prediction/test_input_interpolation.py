@@ -17,9 +17,15 @@ from hdagen.diagnosis.inference.linear_model import LinearModel
 from hdagen.diagnosis.inference.marginal_likelihood import TORQUE_GRID, compute_posteriors
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.inference.rollout import Rollout
-from hdagen.diagnosis.inference.sensitivities import count_torque_steps, measure_input_uncertainty, measure_torque_units
+from hdagen.diagnosis.inference.sensitivities import (
+    count_torque_steps,
+    measure_input_noise,
+    measure_input_uncertainty,
+    measure_torque_units,
+)
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
-from hdagen.diagnosis.initialization.initial_guess import InitialGuess
+from hdagen.diagnosis.initialization.initial_guess import InitialGuess, guess_from_log
+from hdagen.diagnosis.search.null_model import fit_without_effects
 from hdagen.log.measured_log import Log
 from hdagen.prediction.driving_inputs import read_driving_inputs
 from hdagen.prediction.input_interpolation import judge_interpolation
@@ -125,16 +131,20 @@ def test_of_a_measured_input_no_effect_of_commands_is_asked(build: Callable) -> 
     assert np.array_equal(inputs[:, 0], seen.command[:, 0])
 
 
-def test_what_is_uncertain_of_a_measured_input_is_the_least_torque_left_unexplained(heavy: Arm) -> None:
+def test_what_is_uncertain_of_a_measured_input_is_the_least_torque_left_unexplained(
+    heavy: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     log = looped(heavy, 5, 4.0)
     shooting = MultipleShooting(heavy, cut_windows(heavy, LogPortion.all_rows(log), 0.25))
     noise = shooting.record.input_noise
     assert noise[0] == pytest.approx(judge_interpolation(heavy, log, 1, log["motor_torque_1"]).uncertainty)
     assert NOISE / np.sqrt(2) < noise[0] < 3 * NOISE
     steps = 25 / count_torque_steps(shooting)
-    assert measure_input_uncertainty(shooting) == pytest.approx(
-        noise[0] / measure_torque_units(shooting)[0] / np.sqrt(steps)
-    )
+    assert measure_input_uncertainty(shooting) == pytest.approx(noise / measure_torque_units(shooting) / np.sqrt(steps))
+    units = measure_torque_units(shooting)
+    assert measure_input_noise(shooting) == pytest.approx(measure_input_uncertainty(shooting))
+    monkeypatch.setitem(heavy.robot["joints"][0]["sensor"], "current_noise", 5.0 * NOISE)  # more than the rows show
+    assert measure_input_noise(shooting) * units == pytest.approx(5.0 * NOISE)
     gram = CrossProducts(np.eye(4)[None], 1, 1)
     for least in (0.0, 0.5, 1e9):
         linear = LinearModel(gram, np.zeros((1, 4)), np.ones(1), np.array([9]), np.zeros(2), least_torque=least)
@@ -144,3 +154,24 @@ def test_what_is_uncertain_of_a_measured_input_is_the_least_torque_left_unexplai
     commanded = {"motor_torque_command_1": log["motor_torque_1"], "joint_position_1": log["joint_position_1"]}
     told = cut_windows(heavy, LogPortion.all_rows(Log(log.time, commanded, 1, "commanded")), 0.25)
     assert told.input_noise.tolist() == [0.0]
+    assert measure_input_noise(MultipleShooting(heavy, told)).tolist() == [0.0]  # of a command nothing is read
+
+
+@pytest.mark.parametrize("slow", [0.0, 0.6, 0.9])
+def test_the_stated_noise_of_a_measured_input_is_no_torque_of_the_machine(build: Callable, slow: float) -> None:
+    """A slow noise looks like a torque that nothing explains, and rows hardly show it; the robot file states it."""
+    rng, noise = np.random.default_rng(1), np.empty(1600)
+    value = 0.0
+    for k in range(len(noise)):
+        value = slow * value + np.sqrt(1.0 - slow**2) * rng.standard_normal()
+        noise[k] = 10.0 * NOISE * value
+    unexplained = []
+    for stated in (0.0, 10.0 * NOISE):
+        arm = Arm(build(DIRECT + f"current_noise = {stated}\n").folder)
+        log = looped(arm, 5)
+        columns = {**log.columns, "motor_torque_1": log["motor_torque_1"] + noise}
+        record = cut_windows(arm, LogPortion.all_rows(Log(log.time, columns, 1, "noisy")), 0.25)
+        shooting = MultipleShooting(arm, record)
+        fit = fit_without_effects(shooting, build_candidates(arm, guess_from_log(arm, record)))
+        unexplained.append(float(fit.unexplained_torque[0] * measure_torque_units(shooting)[0]))
+    assert unexplained[1] <= 0.5 * unexplained[0]

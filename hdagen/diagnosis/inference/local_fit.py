@@ -30,7 +30,13 @@ from hdagen.diagnosis.inference.marginal_likelihood import (
     solve_at_scales,
 )
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
-from hdagen.diagnosis.inference.sensitivities import OperatingPoint, Sensitivities, count_torque_steps, select_columns
+from hdagen.diagnosis.inference.sensitivities import (
+    OperatingPoint,
+    Sensitivities,
+    count_torque_steps,
+    measure_input_noise,
+    select_columns,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,7 +344,11 @@ def _score_fit(at: Sensitivities, atoms: tuple[int, ...], near: float, clean: fl
 
 
 def _rms_by_joint(at: Sensitivities, torque: Array) -> Array:
-    """Return the root mean square of torques (W, k) at each joint (n), at its motor and its link together."""
-    arm = at.shooting.arm
-    owners = np.repeat([*range(1, arm.n + 1), *arm.manifest["flexible"]], count_torque_steps(at.shooting))
-    return np.array([np.sqrt(np.mean(torque[:, owners == j] ** 2)) for j in range(1, arm.n + 1)])
+    """Return the root mean square of torques (W, k) at each joint (n), at its motor and its link together. The noise of
+    a measured input acts at the motor, is no torque of the machine, and is taken off."""
+    arm, steps = at.shooting.arm, count_torque_steps(at.shooting)
+    owners = np.repeat([*range(1, arm.n + 1), *arm.manifest["flexible"]], steps)
+    squares = np.array([np.sum(torque[:, owners == j] ** 2) for j in range(1, arm.n + 1)])
+    noise = len(torque) * steps * measure_input_noise(at.shooting) ** 2
+    counts = len(torque) * np.array([np.sum(owners == j) for j in range(1, arm.n + 1)])
+    return np.sqrt(np.maximum(squares - noise, 0.0) / counts)

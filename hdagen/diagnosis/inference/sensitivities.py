@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from hdagen.arm.arrays import Array
+from hdagen.arm.ratings import compute_torque_per_input
 from hdagen.diagnosis.data.windows import measure_usual_torque
 from hdagen.diagnosis.inference.batch_evidence import ResidualBatch
 from hdagen.diagnosis.inference.candidate_priors import CandidateSet, Column
@@ -82,7 +83,7 @@ class Sensitivities:
     @cached_property
     def _products(self) -> LinearModel:
         one = self.batch_residuals([self.point], self.residual[None])
-        least = measure_input_uncertainty(self.shooting)
+        least = float(measure_input_uncertainty(self.shooting).min())  # one size serves all joints
         return LinearModel(
             self.cross_products, one.z[0], one.r2[0], one.rows, one.theta[0], LIKELIHOOD.likelihood_temperature, least
         )
@@ -252,20 +253,37 @@ def measure_torque_units(shooting: MultipleShooting) -> Array:
     )
 
 
-def measure_input_uncertainty(shooting: MultipleShooting) -> float:
-    """Measure the uncertainty of measured inputs over a step of unexplained torque. One size serves all joints, so the
-    joint of least uncertainty counts.
+def measure_input_uncertainty(shooting: MultipleShooting) -> Array:
+    """Measure the uncertainty of measured inputs over a step of unexplained torque, as the log shows it.
 
     Args:
         shooting: the record and its model.
 
     Returns:
-        The uncertainty, in units of unexplained torque.
+        The uncertainty (n), in units of unexplained torque.
 
     """
     record = shooting.record
     rows = float(np.mean(record.ends - record.starts)) / count_torque_steps(shooting)
-    return float(np.min(record.input_noise / measure_torque_units(shooting))) / np.sqrt(rows)
+    return np.asarray(record.input_noise / measure_torque_units(shooting) / np.sqrt(rows))
+
+
+def measure_input_noise(shooting: MultipleShooting) -> Array:
+    """Measure the torque that the noise of measured inputs makes over a step of unexplained torque: what the log shows,
+    or all that the robot file states. Neighbouring rows hardly show a noise that changes slowly.
+
+    Args:
+        shooting: the record and its model.
+
+    Returns:
+        The torque (n), in units of unexplained torque; 0 where a command drives the joint.
+
+    """
+    arm = shooting.arm
+    stated = np.array([joint["sensor"]["current_noise"] for joint in arm.robot["joints"]])
+    stated = stated * np.abs(compute_torque_per_input(arm)) / measure_torque_units(shooting)
+    is_measured = np.isin(np.arange(1, arm.n + 1), list(shooting.record.joints_without_command))
+    return np.maximum(measure_input_uncertainty(shooting), np.where(is_measured, stated, 0.0))
 
 
 def count_torque_steps(shooting: MultipleShooting) -> int:
