@@ -4,8 +4,9 @@ A torque that no effect explains, as of a rough gear or a drive that does not fo
 hundredths of a second. In short windows it hides effects that act all the time; over long ones it averages out. So
 where something unknown leads, or a verdict leaves much of held-out motion, this search adds effects once more. It
 simulates long windows without an unknown torque, and adds one effect after another, each time the one that lowers the
-cost most. Then it drops those that lower next to nothing in parts of the log that they are not fitted to, and those too
-small to count as present. A set with another effect in the place of one of them shares the probability.
+cost most. Then it drops those that lower next to nothing in parts of the log that they are not fitted to, and those
+that short windows show neither large nor clearly. A set with another effect in the place of one of them shares the
+probability.
 
 `long_window_fit` states the cost of a set of effects, and `long_window_errors` the errors that it counts.
 
@@ -28,7 +29,7 @@ from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
 from hdagen.diagnosis.decision.direct_evidence import DirectEvidence
 from hdagen.diagnosis.decision.direct_evidence_settings import DIRECT_EVIDENCE
-from hdagen.diagnosis.decision.effect_presence import keep_present_effects
+from hdagen.diagnosis.decision.effect_presence import keep_present_effects, measure_deviations
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.candidate_settings import CANDIDATES
@@ -123,12 +124,21 @@ def find_lasting_effects(
     while leading_set.atoms:
         model = sizes.limit_base_parameters(leading_set)
         fit = _fit_short_windows(sizes, model, fit_of_arm)
-        absent = [k for k in leading_set.atoms if found.candidates.members[k].name not in keep_present_effects(fit)]
+        open_sizes = _find_open_sizes(fit)
+        absent = [k for k in leading_set.atoms if found.candidates.members[k].name in open_sizes]
         if not absent:
             costs = {found.candidates.names_of(one.atoms): one.cost for one in (leading_set, *rivals, none)}
             return LastingEffects(costs, fit, tuple(seen.find_undetectable(model)))
         leading_set, rivals = sizes.fit_model(sizes.drop_effect(leading_set, absent[0])), []
     return None
+
+
+def _find_open_sizes(fit: Fit) -> tuple[str, ...]:
+    """The effects that may as well be absent: too small to count as present, and of a size that is not known."""
+    deviations, present = measure_deviations(fit), keep_present_effects(fit)
+    return tuple(
+        name for name in fit.names if name not in present and deviations[name] < HOLDOUT_CHECK.clear_deviations
+    )
 
 
 def _fit_short_windows(sizes: LongWindowFit, model: EffectModel, beside: Fit) -> Fit:

@@ -13,6 +13,7 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis import long_horizon
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
+from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
 from hdagen.diagnosis.initialization.candidate_list import build_candidates
 from hdagen.diagnosis.initialization.initial_guess import guess_from_log
@@ -98,7 +99,9 @@ def test_of_what_only_shakes_nothing_is_told(arm: Arm, seed: int) -> None:
     assert told(arm, shaken(arm, seed))[0] == ()
 
 
-def test_an_effect_too_small_to_count_is_not_found(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_effect_too_small_to_count_is_found_only_if_its_size_is_known(
+    arm: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     log = LogPortion.all_rows(shaken(arm, 0, **TRUTHS["coulomb_friction@1"]))
     windows = cut_windows(arm, log, 0.05)
     candidates = build_candidates(arm, guess_from_log(arm, windows))
@@ -107,7 +110,10 @@ def test_an_effect_too_small_to_count_is_not_found(arm: Arm, monkeypatch: pytest
     lasting = find_lasting_effects(result, arm, log, 0.05, ())
     assert lasting and lasting.fit.names == ("coulomb_friction@1",)
     monkeypatch.setattr(long_horizon, "keep_present_effects", lambda _: ())
-    assert find_lasting_effects(result, arm, log, 0.05, ()) is None
+    for deviations, stands in ((1.05, True), (0.95, False)):
+        known = {"coulomb_friction@1": deviations * HOLDOUT_CHECK.clear_deviations}
+        monkeypatch.setattr(long_horizon, "measure_deviations", lambda _, known=known: known)
+        assert (find_lasting_effects(result, arm, log, 0.05, ()) is not None) is stands
 
 
 def test_what_would_not_show_is_not_told_and_what_would_is(arm: Arm) -> None:

@@ -1,4 +1,4 @@
-"""How large the effects of a fit are, and which of them are large enough to count as present."""
+"""How large the effects of a fit are, which of them count as present, and how well their sizes are known."""
 
 from __future__ import annotations
 
@@ -53,6 +53,22 @@ def relate_to_least_sizes(fit: Fit) -> dict[str, float]:
     words = fit.sensitivities.candidates
     least = {words.members[k].name: words.presence_threshold(k) for k in fit.effects}
     return {name: size / least[name] for name, size in measure_effect_sizes(fit).items()}
+
+
+def measure_deviations(fit: Fit) -> dict[str, float]:
+    """Measure how well a fit determines the sizes of its free effects.
+
+    Args:
+        fit: with its effects.
+
+    Returns:
+        By name the largest amplitude, in its standard deviations (1).
+
+    """
+    candidates, (mean, covariance) = fit.sensitivities.candidates, fit.posterior
+    deviations = np.abs(mean) / np.sqrt(covariance.diagonal())
+    own = {candidates.members[k].name: candidates.amplitude_columns((k,)) for k in fit.effects}
+    return {name: float(deviations[columns].max(initial=0.0)) for name, columns in own.items()}
 
 
 def _measure_accumulated_share(k: int, fit: Fit) -> float:

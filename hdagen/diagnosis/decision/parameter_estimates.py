@@ -109,8 +109,8 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
 def _refit_without_nuisances(fit: Fit) -> Array:
     """The change of each base parameter (P) in θ that takes the part of the nuisance effects.
 
-    With the precision Λ = Σ⁻¹ of the posterior, θ of the fit, base parameters b and nuisance effects n, the effects
-    being held, the most probable base parameters without nuisance effects are
+    With the precision Λ = Σ⁻¹ of the posterior, θ of the fit, base parameters b and the nuisance effects n that the log
+    shows, the effects being held, the most probable base parameters without nuisance effects are
 
         b = θ_b + Λ_bb⁻¹ Λ_bn θ_n,
 
@@ -128,7 +128,9 @@ def _refit_without_nuisances(fit: Fit) -> Array:
     down, up = np.maximum(low, -reach) - theta, np.minimum(high, reach) - theta
     bounds = np.minimum(down, 0.0)[base] / std[base], np.maximum(up, 0.0)[base] / std[base]
     own = precision[np.ix_(base, base)]
-    taken = precision[np.ix_(base, nuisances)] @ (theta / std)[nuisances]
+    least = DECISION.present_from_deviations * _compute_conditional_deviations(covariance)
+    shown = np.where(np.abs(theta) >= least, theta / std, 0.0)
+    taken = precision[np.ix_(base, nuisances)] @ shown[nuisances]
     shift = np.zeros(len(columns))
     shift[base] = solve_box_qp(own, taken, np.asarray(np.linalg.solve(own, taken)), bounds) * std[base]
     return shift

@@ -26,10 +26,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from hdagen.diagnosis.data.data_settings import DATA
-from hdagen.diagnosis.decision.effect_presence import keep_present_effects
+from hdagen.diagnosis.decision.effect_presence import keep_present_effects, measure_deviations
 from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
 from hdagen.diagnosis.holdout.holdout_check_settings import HOLDOUT_CHECK
 from hdagen.diagnosis.holdout.small_effects import is_gap_alike
@@ -118,10 +116,7 @@ def may_replace(decision: Decision, fit: Fit) -> bool:
     """
     if decision.verdict:
         return True
-    candidates, (mean, covariance) = fit.sensitivities.candidates, fit.posterior
-    deviations = np.abs(mean) / np.sqrt(covariance.diagonal())
-    clearest = (deviations[candidates.amplitude_columns((k,))].max(initial=0.0) for k in fit.effects)
-    return all(one >= HOLDOUT_CHECK.clear_deviations for one in clearest)
+    return all(one >= HOLDOUT_CHECK.clear_deviations for one in measure_deviations(fit).values())
 
 
 def _lead_with_ordinary_frictions(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
