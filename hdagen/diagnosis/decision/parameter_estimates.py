@@ -76,7 +76,8 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
     """
     described, (_, covariance) = best.sensitivities.shooting.arm.parameters.described, best.posterior
     places = {name: k for k, name in enumerate(described)}
-    held, shift = _compute_conditional_deviations(covariance), _refit_without_nuisances(best)
+    held = _compute_conditional_deviations(covariance)
+    shift = _refit_without_nuisances(best, held)
     free = [(k, c) for k, c in enumerate(best.sensitivities.candidates.columns) if c.candidate not in best.effects]
     spread = {
         c.parameter: math.sqrt(covariance[k, k]) * c.unit
@@ -106,7 +107,7 @@ def estimate_base_parameters(best: Fit) -> dict[str, Any]:
     return found
 
 
-def _refit_without_nuisances(fit: Fit) -> Array:
+def _refit_without_nuisances(fit: Fit, alone: Array) -> Array:
     """The change of each base parameter (P) in θ that takes the part of the nuisance effects.
 
     With the precision Λ = Σ⁻¹ of the posterior, θ of the fit, base parameters b and the nuisance effects n that the log
@@ -114,7 +115,7 @@ def _refit_without_nuisances(fit: Fit) -> Array:
 
         b = θ_b + Λ_bb⁻¹ Λ_bn θ_n,
 
-    within their bounds and as far as a verdict may move them.
+    within their bounds and as far as a verdict may move them. ``alone`` has the standard deviations (P), all else held.
     """
     candidates, arm, (_, covariance) = fit.sensitivities.candidates, fit.sensitivities.shooting.arm, fit.posterior
     described, columns = arm.parameters.described, candidates.columns
@@ -128,8 +129,7 @@ def _refit_without_nuisances(fit: Fit) -> Array:
     down, up = np.maximum(low, -reach) - theta, np.minimum(high, reach) - theta
     bounds = np.minimum(down, 0.0)[base] / std[base], np.maximum(up, 0.0)[base] / std[base]
     own = precision[np.ix_(base, base)]
-    least = DECISION.present_from_deviations * _compute_conditional_deviations(covariance)
-    shown = np.where(np.abs(theta) >= least, theta / std, 0.0)
+    shown = np.where(np.abs(theta) >= DECISION.present_from_deviations * alone, theta / std, 0.0)
     taken = precision[np.ix_(base, nuisances)] @ shown[nuisances]
     shift = np.zeros(len(columns))
     shift[base] = solve_box_qp(own, taken, np.asarray(np.linalg.solve(own, taken)), bounds) * std[base]

@@ -17,7 +17,11 @@ from hdagen.arm.compiled_arm import Arm
 from hdagen.diagnosis.data.held_out_gap import evaluate_gap
 from hdagen.diagnosis.data.split import LogPortion
 from hdagen.diagnosis.data.windows import cut_windows
-from hdagen.diagnosis.decision.parameter_estimates import _refit_without_nuisances, estimate_base_parameters
+from hdagen.diagnosis.decision.parameter_estimates import (
+    _compute_conditional_deviations,
+    _refit_without_nuisances,
+    estimate_base_parameters,
+)
 from hdagen.diagnosis.inference.candidate_priors import Candidate, CandidateSet, Column
 from hdagen.diagnosis.inference.local_fit import Fit
 from hdagen.diagnosis.inference.multiple_shooting import MultipleShooting
@@ -52,6 +56,11 @@ def make_fit(theta: np.ndarray, covariance: np.ndarray) -> Any:
     return SimpleNamespace(effects=(place[NAMED],), sensitivities=sensitivities, posterior=(theta, covariance))
 
 
+def refit_without_nuisances(fit: Any) -> np.ndarray:
+    """The change of each parameter in θ, by the standard deviations of the fit's own posterior."""
+    return _refit_without_nuisances(fit, _compute_conditional_deviations(fit.posterior[1]))
+
+
 def draw_posterior(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """θ (6), and a covariance of correlated parameters."""
     rng = np.random.default_rng(seed)
@@ -67,7 +76,7 @@ def test_base_parameters_are_those_of_the_posterior_under_the_condition_that_no_
     theta[2:5] = np.array([3.0, 1.5, -2.5]) * alone[2:5]
     change = np.array([-theta[2], 0.0, -theta[4], 0.0])  # the second is not shown, and the named one keeps its size
     expected = covariance[np.ix_(base, held)] @ np.linalg.solve(covariance[np.ix_(held, held)], change)
-    found = _refit_without_nuisances(make_fit(theta, covariance))
+    found = refit_without_nuisances(make_fit(theta, covariance))
     assert found[base] == pytest.approx(expected, rel=1e-6) and not found[held].any()
 
 
@@ -76,7 +85,7 @@ def test_base_parameters_move_no_farther_than_a_verdict_may(share: float) -> Non
     """A nuisance effect of two spike widths stands for ``share`` times as much of the mass."""
     theta, root = np.zeros(6), 1e-2 * WIDTH * np.eye(6)
     theta[2], root[0, 2] = 2.0 * WIDTH, -share * root[2, 2]
-    mass = (theta + _refit_without_nuisances(make_fit(theta, root @ root.T)))[0]
+    mass = (theta + refit_without_nuisances(make_fit(theta, root @ root.T)))[0]
     assert mass == pytest.approx(np.clip(2.0 * share, -MOST_TOLERANCES, MOST_TOLERANCES) * WIDTH, rel=1e-3)
 
 
